@@ -1,0 +1,198 @@
+"""The layout of ``models/*.toml`` and their checked reading. Units stand in the keys; the loaders convert to SI."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from ur5_twin.errors import ModelError, unknown
+from ur5_twin.resources import data_dir
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+Six = tuple[float, float, float, float, float, float]
+SixPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+SixNonNegative = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Three = tuple[float, float, float]
+T = TypeVar("T")
+
+
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A section of a file: unknown keys are errors."""
+
+
+class DHSpec(Strict):
+    source: str
+    d_mm: Six
+    a_mm: Six
+    alpha_rad: Six
+
+
+class LimitsSpec(Strict):
+    source: str
+    q_max_rad: SixPositive
+    qd_max_rad_s: SixPositive
+    qdd_max_rad_s2: SixPositive
+    torque_max_nm: SixPositive
+
+
+class BaseFile(Strict):
+    dh: DHSpec
+    limits: LimitsSpec
+
+
+class GravitySpec(Strict):
+    value_m_s2: NonNegative
+    source: str
+
+
+class RotorSpec(Strict):
+    inertia_kg_m2: SixNonNegative
+    source: str
+
+
+class InertiaSpec(Strict):
+    kind: Literal["point", "cylinders"]
+    source: str
+
+
+class CylinderSpec(Strict):
+    name: str
+    mass_kg: Positive
+    height_mm: Positive
+    radius_mm: Positive
+    axis: Literal["x", "y", "z"]
+    offset_mm: Three
+
+
+class LinkSpec(Strict):
+    mass_kg: Positive
+    center_mm: Three
+    sources: dict[str, str]
+    cylinders: tuple[CylinderSpec, ...]
+
+
+class ModelFile(Strict):
+    name: str
+    title: str
+    source: str
+    gravity: GravitySpec
+    rotors: RotorSpec
+    inertia: InertiaSpec | None = None
+    links: tuple[LinkSpec, ...] = ()
+    links_from: str | None = None
+
+
+class PartSpec(Strict):
+    name: str
+    shape: Literal["cylinder", "box"]
+    mass_kg: Positive
+    center_mm: Three
+    height_mm: Positive | None = None
+    radius_mm: Positive | None = None
+    size_mm: tuple[Positive, Positive, Positive] | None = None
+
+
+class ToolSpec(Strict):
+    title: str
+    source: str
+    sensor_frame_mm: Three
+    sensor_frame_source: str
+    parts: tuple[PartSpec, ...]
+
+
+class GainsSpec(Strict):
+    source: str
+    kappa0: SixNonNegative
+    kappa1: SixNonNegative
+
+
+class DriveSpec(Strict):
+    source: str
+    torque_constant_nm_a: SixPositive
+    offset_nm: Six
+    coulomb_nm: SixNonNegative
+    viscous_nm_s_rad: SixNonNegative
+    dead_zone_rad_s: NonNegative
+
+
+def model_path(name: str) -> Path:
+    """Path of a file that ships in ``models/``."""
+    return data_dir("models") / name
+
+
+def read(path: Path, kind: type[T]) -> T:
+    """Read a TOML file as ``kind``.
+
+    Raises:
+        ModelError: no such file, not TOML, a key is missing or unknown, or a value has the wrong type or range.
+    """
+    return convert(_load(path), kind, path.name)
+
+
+def read_named(name: str, kind: type[T]) -> dict[str, T]:
+    """Read a shipped file whose top-level tables are all of one ``kind``."""
+    return convert(_load(model_path(name)), dict[str, kind], name)  # type: ignore[valid-type]
+
+
+def choose(choice: str | Path, shipped: str, kind: type[T], what: str) -> tuple[str, T]:
+    """One preset by name from a shipped file, or the only table of a file of the user's with that layout.
+
+    Returns:
+        The preset's name and its content.
+
+    Raises:
+        ModelError: the name is unknown, or the file does not hold exactly one table.
+    """
+    presets = read_named(shipped, kind)
+    key = str(choice).lower().replace("-", "_")
+    if key in presets:
+        return key, presets[key]
+    path = Path(choice)
+    if path.suffix != ".toml":
+        raise ModelError(unknown(what, str(choice), presets) + ", or give the path of a .toml file")
+    own = convert(_load(path), dict[str, kind], path.name)  # type: ignore[valid-type]
+    if len(own) != 1:
+        raise ModelError(f"{path.name}: {len(own)} tables, expected one [name] with the keys of {shipped}")
+    return next(iter(own.items()))
+
+
+def convert(data: Any, kind: type[T], where: str) -> T:
+    """Check parsed data against a layout; ``where`` names the file in the error."""
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        raise ModelError(f"{where}: {_explain(str(error), kind)}") from None
+
+
+def _explain(message: str, kind: Any) -> str:
+    if "unknown field" not in message:
+        return message
+    fields = sorted({name for layout in _layouts(kind, set()) for name in layout.__struct_fields__})
+    return f"{message} (known keys: {', '.join(fields)})"
+
+
+def _layouts(kind: Any, seen: set[Any]) -> set[type[msgspec.Struct]]:
+    """Every Struct that can stand inside ``kind``; msgspec's message does not say which one it was in."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        if kind in seen:
+            return seen
+        seen.add(kind)
+        inside = [info.type for info in msgspec.structs.fields(kind)]
+    else:
+        inside = list(getattr(kind, "__args__", ()))
+    for item in inside:
+        _layouts(item, seen)
+    return seen
+
+
+def _load(path: Path) -> Any:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path.name} is not valid TOML: {error}") from None

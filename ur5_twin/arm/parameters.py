@@ -1,0 +1,308 @@
+"""Arm models and tools: the numbers of ``models/*.toml`` as frozen, checked objects in SI units.
+
+Frames are the DH frames of thesis figure 5.6 (equation 2.19); link i carries frame i, frame 6 is the flange F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ur5_twin.arm import inertia, files
+from ur5_twin.errors import ModelError, unknown
+
+JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+N_JOINTS = len(JOINT_NAMES)
+
+#: The models that ship, by name, with the file each is read from.
+MODEL_FILES: Mapping[str, str] = {
+    "a": "ur5_model_a.toml",
+    "b": "ur5_model_b.toml",
+    "c": "ur5_model_c.toml",
+    "controller": "ur5_controller.toml",
+    "plant": "ur5_plant.toml",
+}
+
+
+@dataclass(frozen=True)
+class DenavitHartenberg:
+    """Standard DH parameters (thesis equation 2.19), each (6,): d and a in m, alpha in rad; theta_i = q_i."""
+
+    d: np.ndarray
+    a: np.ndarray
+    alpha: np.ndarray
+    source: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Joint limits (thesis table 4.1), each (6,): rad, rad/s, rad/s^2, Nm, symmetric about zero."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    torque: np.ndarray
+    source: str
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A homogeneous cylinder in the frame of the body that carries it: kg, m; ``axis`` is x, y or z."""
+
+    name: str
+    mass: float
+    height: float
+    radius: float
+    axis: Literal["x", "y", "z"]
+    center: np.ndarray
+
+    def inertia(self) -> np.ndarray:
+        """(3, 3) tensor about its own centre, kg m^2 (thesis equations 2.47, 2.48)."""
+        return inertia.cylinder(self.mass, self.radius, self.height, self.axis)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A homogeneous box, edges along the axes of the frame of the body that carries it: kg, m."""
+
+    name: str
+    mass: float
+    size: np.ndarray
+    center: np.ndarray
+
+    def inertia(self) -> np.ndarray:
+        """(3, 3) tensor about its own centre, kg m^2."""
+        return inertia.box(self.mass, self.size)
+
+
+@dataclass(frozen=True)
+class Link:
+    """One link of the arm.
+
+    Attributes:
+        mass: kg.
+        center: (3,) mass centre in the link's DH frame, m.
+        inertia: (3, 3) tensor about ``center`` in the link's axes, kg m^2; zero for a point mass.
+        cylinders: the bodies it is drawn with and, unless it is a point mass, the tensor comes from.
+        sources: where mass, center and inertia come from.
+    """
+
+    mass: float
+    center: np.ndarray
+    inertia: np.ndarray
+    cylinders: tuple[Cylinder, ...]
+    sources: Mapping[str, str]
+
+    def cylinder_center(self) -> np.ndarray:
+        """(3,) common mass centre of the cylinders, m. Model C's link 2 has it 0.93 mm from ``center``."""
+        masses = np.array([cylinder.mass for cylinder in self.cylinders])
+        return masses @ np.array([cylinder.center for cylinder in self.cylinders]) / masses.sum()
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What is bolted to the flange: mass in kg, centre (3,) in m and tensor (3, 3) about it, in the flange frame.
+
+    Attributes:
+        sensors: name -> (3,) origin of the sensor's frame in the flange frame, m; its axes are the flange's.
+    """
+
+    name: str
+    title: str
+    mass: float
+    center: np.ndarray
+    inertia: np.ndarray
+    parts: tuple[Cylinder | Box, ...]
+    sensors: Mapping[str, np.ndarray]
+    source: str
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """A rigid-body model of the arm; everything the dynamics need.
+
+    Attributes:
+        gravity: m/s^2, along -z of the base frame.
+        rotor_inertia: (6,) rotor inertia reflected through the gear, kg m^2, added to the diagonal of M.
+        tool: what is bolted to the flange, None if nothing; its mass is part of the model's dynamics.
+    """
+
+    name: str
+    title: str
+    source: str
+    dh: DenavitHartenberg
+    limits: Limits
+    links: tuple[Link, ...]
+    gravity: float
+    gravity_source: str
+    rotor_inertia: np.ndarray
+    rotor_source: str
+    tool: Tool | None = field(default=None)
+
+    def with_tool(self, tool: Tool | None) -> ArmModel:
+        """The same arm with another tool at its flange."""
+        return replace(self, tool=tool)
+
+    def bodies(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses (6,), mass centres (6, 3) and tensors about them (6, 3, 3) in the link frames, the tool in link 6."""
+        masses = np.array([link.mass for link in self.links])
+        centers = np.array([link.center for link in self.links])
+        tensors = np.array([link.inertia for link in self.links])
+        if self.tool is not None:
+            masses[5], centers[5], tensors[5] = inertia.combine(
+                np.array([masses[5], self.tool.mass]),
+                np.array([centers[5], self.tool.center]),
+                np.array([tensors[5], self.tool.inertia]),
+            )
+        return masses, centers, tensors
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the models that ship."""
+    return tuple(MODEL_FILES)
+
+
+def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
+    """An arm model by name or from a TOML file of the same layout.
+
+    Args:
+        name: one of ``model_names()`` (upper case too), or a path to a ``.toml`` file.
+        tool: name of a tool to bolt on (``tool_names()``).
+
+    Raises:
+        ModelError: the name is unknown, the file cannot be read, a key is unknown or a value impossible.
+    """
+    key = str(name).lower()
+    if key in MODEL_FILES:
+        path = files.model_path(MODEL_FILES[key])
+    elif str(name).endswith(".toml"):
+        path = Path(name)
+    else:
+        raise ModelError(unknown("model", str(name), MODEL_FILES) + ", or give the path of a .toml file")
+    spec = files.read(path, files.ModelFile)
+    base = files.read(files.model_path("ur5.toml"), files.BaseFile)
+    link_specs = spec.links
+    if spec.links_from is not None:
+        if spec.links:
+            raise ModelError(f"{path.name}: give either 'links' or 'links_from', not both")
+        origin = path.parent / spec.links_from
+        link_specs = files.read(origin, files.ModelFile).links
+    if len(link_specs) != N_JOINTS:
+        raise ModelError(f"{path.name}: {len(link_specs)} links, a UR5 has {N_JOINTS}")
+    point = spec.inertia is not None and spec.inertia.kind == "point"
+    sources = {"inertia": f"point mass: {spec.inertia.source}"} if spec.inertia is not None and point else {}
+    links = tuple(_link(item, point=point, sources=sources) for item in link_specs)
+    dh = DenavitHartenberg(
+        d=np.array(base.dh.d_mm) * 1e-3,
+        a=np.array(base.dh.a_mm) * 1e-3,
+        alpha=np.array(base.dh.alpha_rad),
+        source=base.dh.source,
+    )
+    limits = Limits(
+        q=np.array(base.limits.q_max_rad),
+        qd=np.array(base.limits.qd_max_rad_s),
+        qdd=np.array(base.limits.qdd_max_rad_s2),
+        torque=np.array(base.limits.torque_max_nm),
+        source=base.limits.source,
+    )
+    model = ArmModel(
+        name=spec.name,
+        title=spec.title,
+        source=spec.source,
+        dh=dh,
+        limits=limits,
+        links=links,
+        gravity=spec.gravity.value_m_s2,
+        gravity_source=spec.gravity.source,
+        rotor_inertia=np.array(spec.rotors.inertia_kg_m2),
+        rotor_source=spec.rotors.source,
+    )
+    return model.with_tool(load_tool(tool))
+
+
+def tool_names() -> tuple[str, ...]:
+    """Names of the tools that can be bolted on; ``none`` is the bare flange."""
+    return ("none", *files.read_named("tools.toml", files.ToolSpec), "both")
+
+
+def load_tool(name: str | None) -> Tool | None:
+    """A tool by name: ``none``, ``ati_gamma``, ``xsens_mti`` or ``both`` (the accelerometer on the force sensor).
+
+    Raises:
+        ModelError: there is no such tool.
+    """
+    if name is None or name == "none":
+        return None
+    specs = files.read_named("tools.toml", files.ToolSpec)
+    if name == "both":
+        below, above = _tool("ati_gamma", specs["ati_gamma"]), specs["xsens_mti"]
+        height = max(part.center[2] + part.height / 2 for part in below.parts if isinstance(part, Cylinder))
+        return _combine("both", below, _tool("xsens_mti", above, shift=np.array([0.0, 0.0, height])))
+    if name not in specs:
+        raise ModelError(unknown("tool", name, tool_names()))
+    return _tool(name, specs[name])
+
+
+def _link(spec: files.LinkSpec, *, point: bool, sources: Mapping[str, str]) -> Link:
+    center = np.array(spec.center_mm) * 1e-3
+    cylinders = tuple(
+        Cylinder(
+            name=item.name,
+            mass=item.mass_kg,
+            height=item.height_mm * 1e-3,
+            radius=item.radius_mm * 1e-3,
+            axis=item.axis,
+            center=center + np.array(item.offset_mm) * 1e-3,
+        )
+        for item in spec.cylinders
+    )
+    # Thesis equation 2.56: the tensor is taken about the link's mass centre, wherever the cylinders' own centre is.
+    tensor = np.zeros((3, 3)) if point else sum(
+        (inertia.shift(part.inertia(), part.mass, part.center - center) for part in cylinders), np.zeros((3, 3))
+    )
+    return Link(spec.mass_kg, center, tensor, cylinders, {**spec.sources, **sources})
+
+
+def _tool(name: str, spec: files.ToolSpec, shift: np.ndarray | None = None) -> Tool:
+    offset = np.zeros(3) if shift is None else shift
+    parts = tuple(_part(name, item, offset) for item in spec.parts)
+    mass, center, tensor = inertia.combine(
+        np.array([part.mass for part in parts]),
+        np.array([part.center for part in parts]),
+        np.array([part.inertia() for part in parts]),
+    )
+    sensors = {name: np.array(spec.sensor_frame_mm) * 1e-3 + offset}
+    return Tool(name, spec.title, mass, center, tensor, parts, sensors, spec.source)
+
+
+def _part(tool: str, item: files.PartSpec, offset: np.ndarray) -> Cylinder | Box:
+    center = np.array(item.center_mm) * 1e-3 + offset
+    if item.shape == "box":
+        if item.size_mm is None:
+            raise ModelError(f"tools.toml: {tool}.{item.name}: a box needs 'size_mm'")
+        return Box(item.name, item.mass_kg, np.array(item.size_mm) * 1e-3, center)
+    if item.height_mm is None or item.radius_mm is None:
+        raise ModelError(f"tools.toml: {tool}.{item.name}: a cylinder needs 'height_mm' and 'radius_mm'")
+    return Cylinder(item.name, item.mass_kg, item.height_mm * 1e-3, item.radius_mm * 1e-3, "z", center)
+
+
+def _combine(name: str, below: Tool, above: Tool) -> Tool:
+    mass, center, tensor = inertia.combine(
+        np.array([below.mass, above.mass]),
+        np.array([below.center, above.center]),
+        np.array([below.inertia, above.inertia]),
+    )
+    return Tool(
+        name,
+        f"{below.title}, and on it {above.title}",
+        mass,
+        center,
+        tensor,
+        (*below.parts, *above.parts),
+        {**below.sensors, **above.sensors},
+        f"{below.source}; {above.source}",
+    )
