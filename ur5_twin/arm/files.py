@@ -24,14 +24,14 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """A section of a file: unknown keys are errors."""
 
 
-class DHSpec(Strict):
+class DHSpec(Strict, frozen=True):
     source: str
     d_mm: Six
     a_mm: Six
     alpha_rad: Six
 
 
-class LimitsSpec(Strict):
+class LimitsSpec(Strict, frozen=True):
     source: str
     q_max_rad: SixPositive
     qd_max_rad_s: SixPositive
@@ -39,27 +39,27 @@ class LimitsSpec(Strict):
     torque_max_nm: SixPositive
 
 
-class BaseFile(Strict):
+class BaseFile(Strict, frozen=True):
     dh: DHSpec
     limits: LimitsSpec
 
 
-class GravitySpec(Strict):
+class GravitySpec(Strict, frozen=True):
     value_m_s2: NonNegative
     source: str
 
 
-class RotorSpec(Strict):
+class RotorSpec(Strict, frozen=True):
     inertia_kg_m2: SixNonNegative
     source: str
 
 
-class InertiaSpec(Strict):
+class InertiaSpec(Strict, frozen=True):
     kind: Literal["point", "cylinders"]
     source: str
 
 
-class CylinderSpec(Strict):
+class CylinderSpec(Strict, frozen=True):
     name: str
     mass_kg: Positive
     height_mm: Positive
@@ -68,14 +68,14 @@ class CylinderSpec(Strict):
     offset_mm: Three
 
 
-class LinkSpec(Strict):
+class LinkSpec(Strict, frozen=True):
     mass_kg: Positive
     center_mm: Three
     sources: dict[str, str]
     cylinders: tuple[CylinderSpec, ...]
 
 
-class ModelFile(Strict):
+class ModelFile(Strict, frozen=True):
     name: str
     title: str
     source: str
@@ -86,7 +86,7 @@ class ModelFile(Strict):
     links_from: str | None = None
 
 
-class PartSpec(Strict):
+class PartSpec(Strict, frozen=True):
     name: str
     shape: Literal["cylinder", "box"]
     mass_kg: Positive
@@ -96,7 +96,7 @@ class PartSpec(Strict):
     size_mm: tuple[Positive, Positive, Positive] | None = None
 
 
-class ToolSpec(Strict):
+class ToolSpec(Strict, frozen=True):
     title: str
     source: str
     sensor_frame_mm: Three
@@ -104,19 +104,27 @@ class ToolSpec(Strict):
     parts: tuple[PartSpec, ...]
 
 
-class GainsSpec(Strict):
+class GainsSpec(Strict, frozen=True):
     source: str
     kappa0: SixNonNegative
     kappa1: SixNonNegative
 
 
-class DriveSpec(Strict):
+class DriveSpec(Strict, frozen=True):
     source: str
     torque_constant_nm_a: SixPositive
     offset_nm: Six
     coulomb_nm: SixNonNegative
     viscous_nm_s_rad: SixNonNegative
     dead_zone_rad_s: NonNegative
+
+
+class TargetCurrentSpec(Strict, frozen=True):
+    source: str
+    torque_constant_nm_a: SixPositive
+    load_a_nm: SixNonNegative
+    viscous_driving_a_s_rad: SixNonNegative
+    viscous_backdriven_a_s_rad: SixNonNegative
 
 
 def model_path(name: str) -> Path:

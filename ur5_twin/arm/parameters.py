@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from ur5_twin.arm import inertia, files
+from ur5_twin.arm import files, inertia
 from ur5_twin.errors import ModelError, unknown
 
 JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -261,8 +261,12 @@ def _link(spec: files.LinkSpec, *, point: bool, sources: Mapping[str, str]) -> L
         for item in spec.cylinders
     )
     # Thesis equation 2.56: the tensor is taken about the link's mass centre, wherever the cylinders' own centre is.
-    tensor = np.zeros((3, 3)) if point else sum(
-        (inertia.shift(part.inertia(), part.mass, part.center - center) for part in cylinders), np.zeros((3, 3))
+    tensor = (
+        np.zeros((3, 3))
+        if point
+        else sum(
+            (inertia.shift(part.inertia(), part.mass, part.center - center) for part in cylinders), np.zeros((3, 3))
+        )
     )
     return Link(spec.mass_kg, center, tensor, cylinders, {**spec.sources, **sources})
 

@@ -1,0 +1,101 @@
+"""Compiled kinematics of a serial arm with six revolute joints and any standard DH parameters."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def frames_into(dh, q, out):
+    """Poses of DH frames 0 to 6 in the base frame of one sample into out (7, 4, 4).
+
+    Args:
+        dh: (6, 4), one row a joint: cos alpha, sin alpha, a, d.
+        q: (6,), rad.
+    """
+    out[:, :, :] = 0.0
+    for k in range(4):
+        out[0, k, k] = 1.0
+    for i in range(6):
+        ca, sa, a, d = dh[i, 0], dh[i, 1], dh[i, 2], dh[i, 3]
+        c, s = math.cos(q[i]), math.sin(q[i])
+        for r in range(3):
+            x, y, z = out[i, r, 0], out[i, r, 1], out[i, r, 2]
+            along = c * x + s * y
+            across = c * y - s * x
+            out[i + 1, r, 0] = along
+            out[i + 1, r, 1] = ca * across + sa * z
+            out[i + 1, r, 2] = ca * z - sa * across
+            out[i + 1, r, 3] = out[i, r, 3] + a * along + d * z
+        out[i + 1, 3, 3] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def frames_rows(dh, q, out):
+    """``frames_into`` for every row of q (n, 6) into out (n, 7, 4, 4)."""
+    for k in range(q.shape[0]):
+        frames_into(dh, q[k], out[k])
+
+
+@njit(cache=True, nogil=True)
+def jacobian_into(frames, link, point, out):
+    """Geometric Jacobian of a point of one sample into out (6, 6): [z x (p - o); z] for joints 1 to ``link``.
+
+    Args:
+        frames: (7, 4, 4) from ``frames_into``.
+        link: 1 to 6.
+        point: (3,) in the link's frame, m.
+    """
+    out[:, :] = 0.0
+    X = frames[link]
+    px = X[0, 0] * point[0] + X[0, 1] * point[1] + X[0, 2] * point[2] + X[0, 3]
+    py = X[1, 0] * point[0] + X[1, 1] * point[1] + X[1, 2] * point[2] + X[1, 3]
+    pz = X[2, 0] * point[0] + X[2, 1] * point[1] + X[2, 2] * point[2] + X[2, 3]
+    for i in range(link):
+        zx, zy, zz = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
+        rx, ry, rz = px - frames[i, 0, 3], py - frames[i, 1, 3], pz - frames[i, 2, 3]
+        out[0, i], out[1, i], out[2, i] = zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx
+        out[3, i], out[4, i], out[5, i] = zx, zy, zz
+
+
+@njit(cache=True, nogil=True)
+def jacobian_dot_into(J, qd, link, out):
+    """Time derivative of a geometric Jacobian of one sample into out (6, 6).
+
+    Column i of J is [z_i x r_i; z_i] with r_i from the joint to the point. z_i turns with the links before it and r_i
+    with all of them, so z_i' = w_i x z_i and r_i' = sum over k of z_k x r_max(i, k), which the columns of J already hold:
+    for k < i, (z_k x z_i) x r_i + z_i x (z_k x r_i) = z_k x (z_i x r_i); for k >= i, z_i x (z_k x r_k).
+    """
+    out[:, :] = 0.0
+    for i in range(link):
+        for k in range(link):
+            a, b = (k, i) if k < i else (i, k)
+            zx, zy, zz = J[3, a], J[4, a], J[5, a]
+            vx, vy, vz = J[0, b], J[1, b], J[2, b]
+            out[0, i] += (zy * vz - zz * vy) * qd[k]
+            out[1, i] += (zz * vx - zx * vz) * qd[k]
+            out[2, i] += (zx * vy - zy * vx) * qd[k]
+            if k < i:
+                ux, uy, uz = J[3, i], J[4, i], J[5, i]
+                out[3, i] += (zy * uz - zz * uy) * qd[k]
+                out[4, i] += (zz * ux - zx * uz) * qd[k]
+                out[5, i] += (zx * uy - zy * ux) * qd[k]
+
+
+@njit(cache=True, nogil=True)
+def jacobian_rows(dh, q, link, point, out):
+    """``jacobian_into`` for every row of q (n, 6) into out (n, 6, 6)."""
+    frames = np.empty((7, 4, 4))
+    for k in range(q.shape[0]):
+        frames_into(dh, q[k], frames)
+        jacobian_into(frames, link, point, out[k])
+
+
+@njit(cache=True, nogil=True)
+def jacobian_dot_rows(J, qd, link, out):
+    """``jacobian_dot_into`` for every row of J (n, 6, 6) and qd (n, 6) into out (n, 6, 6)."""
+    for k in range(qd.shape[0]):
+        jacobian_dot_into(J[k], qd[k], link, out[k])

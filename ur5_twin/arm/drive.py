@@ -1,0 +1,65 @@
+"""Drives: the map between joint torque, joint velocity and motor current."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ur5_twin.arm import files
+
+
+@dataclass(frozen=True)
+class LinearDrive:
+    """A constant current-torque ratio with offset, Coulomb and viscous friction (thesis equations 3.12 to 3.14, 6.7).
+
+    The motor's torque is tau = tau_link + tau_friction = k i + b, with
+    tau_friction = coulomb * s(qd) + viscous * qd and s = sgn outside the dead zone, 0 inside it (equation 6.4).
+
+    Attributes:
+        torque_constant: k, (6,) Nm/A at the joint.
+        offset: b, (6,) Nm.
+        coulomb: (6,) Nm.
+        viscous: (6,) Nm s/rad.
+        dead_zone: rad/s.
+    """
+
+    name: str
+    source: str
+    torque_constant: np.ndarray
+    offset: np.ndarray
+    coulomb: np.ndarray
+    viscous: np.ndarray
+    dead_zone: float
+
+    def friction(self, qd: np.ndarray) -> np.ndarray:
+        """Friction torque (..., 6) in Nm at joint velocities (..., 6) in rad/s; it opposes the motion."""
+        direction = np.where(np.abs(qd) > self.dead_zone, np.sign(qd), 0.0)
+        return self.coulomb * direction + self.viscous * qd
+
+    def current(self, torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Motor current (..., 6) in A that gives the links ``torque`` (..., 6) in Nm at velocity ``qd``."""
+        return (torque + self.friction(qd) - self.offset) / self.torque_constant
+
+    def torque(self, current: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Torque (..., 6) in Nm that ``current`` (..., 6) in A leaves for the links at velocity ``qd``."""
+        return self.torque_constant * current + self.offset - self.friction(qd)
+
+
+def load_drive(name: str | Path = "thesis") -> LinearDrive:
+    """A drive by name (``models/drives.toml``) or from a file with one table of the same keys.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    key, spec = files.choose(name, "drives.toml", files.DriveSpec, "drive")
+    return LinearDrive(
+        name=key,
+        source=spec.source,
+        torque_constant=np.array(spec.torque_constant_nm_a),
+        offset=np.array(spec.offset_nm),
+        coulomb=np.array(spec.coulomb_nm),
+        viscous=np.array(spec.viscous_nm_s_rad),
+        dead_zone=spec.dead_zone_rad_s,
+    )

@@ -1,0 +1,312 @@
+"""The command line. Heavy imports stay inside the commands, so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ur5_twin import __version__
+from ur5_twin.errors import TwinError
+
+if TYPE_CHECKING:
+    from ur5_twin.arm.parameters import ArmModel
+    from ur5_twin.recording.table import Recording
+    from ur5_twin.twin.replay import ReplaySettings
+
+app = typer.Typer(
+    name="ur5-twin",
+    help="A digital twin of a UR5: replay logs in lockstep with a MuJoCo model, look at both, measure the difference.",
+    epilog="First steps: [bold]ur5-twin replay demo[/bold], then [bold]ur5-twin fetch kufieta2014[/bold] for real logs.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_REPLAY_EXAMPLES = """[bold]Examples[/bold]
+
+ur5-twin replay lab_logs/kufieta2014/Movement_No6_Acc_slow_Verify_Model --rerun
+
+ur5-twin replay robot_data.csv --mode shadow --model plant --out out/shadow
+
+ur5-twin replay out/shadow --model c   [dim]# the same log again, another model[/dim]
+"""
+
+_MODEL_EXAMPLES = """[bold]Examples[/bold]
+
+ur5-twin model c
+
+ur5-twin model plant --tool ati_gamma --export cell.xml --scene
+"""
+
+
+class Mode(StrEnum):
+    """How the twin follows a log."""
+
+    servo = "servo"
+    shadow = "shadow"
+
+
+def main() -> None:
+    """Run the command line; anything the user got wrong becomes one line on stderr and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except TwinError as error:
+        _stop(str(error), 2)
+    except (typer.Abort, KeyboardInterrupt):
+        _stop("stopped: nothing was written", 130)
+    except typer.TyperException as error:
+        context = getattr(error, "ctx", None)
+        _stop(f"{error.format_message()} (see '{context.command_path if context else 'ur5-twin'} --help')", 2)
+    except OSError as error:
+        _stop(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _stop(message: str, code: int) -> None:
+    print(f"ur5-twin: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"ur5-twin {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _complete_models(incomplete: str) -> list[str]:
+    from ur5_twin.arm.parameters import model_names
+
+    return [name for name in model_names() if name.startswith(incomplete)]
+
+
+def _complete_gains(incomplete: str) -> list[str]:
+    from ur5_twin.control.gains import gain_names
+
+    return [name for name in gain_names() if name.startswith(incomplete)]
+
+
+def _complete_tools(incomplete: str) -> list[str]:
+    from ur5_twin.arm.parameters import tool_names
+
+    return [name for name in tool_names() if name.startswith(incomplete)]
+
+
+@app.command(epilog=_REPLAY_EXAMPLES)
+def replay(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            help="A folder of the lab's CSV files, a CSV by ur_rtde or record.py, a Parquet file of ours, the output "
+            "folder of an earlier replay, or 'demo' for the log that ships."
+        ),
+    ],
+    model: Annotated[
+        str,
+        typer.Option(
+            "--model", "-m", autocompletion=_complete_models, help="Model the controller linearises with: name or TOML."
+        ),
+    ] = "controller",
+    plant: Annotated[
+        str | None,
+        typer.Option(autocompletion=_complete_models, help="Model that is simulated. Default: the controller's."),
+    ] = None,
+    gains: Annotated[
+        str, typer.Option("--gains", "-g", autocompletion=_complete_gains, help="PD gains: a preset's name or a TOML.")
+    ] = "thesis_c",
+    drive: Annotated[str, typer.Option(help="Map from torque to motor current: a preset's name or a TOML.")] = "thesis",
+    tool: Annotated[
+        str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange, part of both models.")
+    ] = "none",
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="[bold]servo[/bold]: the closed loop follows the log's targets. [bold]shadow[/bold]: the twin is put "
+            "into the measured state each tick and says what torque and current the motion needs."
+        ),
+    ] = Mode.servo,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the log>.")
+    ] = None,
+    rerun: Annotated[bool, typer.Option("--rerun/--no-rerun", help="Write twin.rrd for the Rerun viewer.")] = True,
+    spawn: Annotated[bool, typer.Option("--spawn", help="Open the Rerun viewer at the end.")] = False,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures/*.png.")] = True,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair what is broken in the log and report it, instead of refusing.")
+    ] = False,
+) -> None:
+    """Replay a log through the twin, in lockstep, and report how they differ."""
+    from ur5_twin.recording import read
+    from ur5_twin.twin.replay import replay as run
+
+    settings = _settings(model, plant, gains, drive, tool, mode)
+    source = _shipped(path)
+    recording = read(source, repair=repair)
+    with _progress("replay", len(recording.robot)) as advance:
+        replayed = run(recording, settings, advance)
+    folder = out if out is not None else Path("out") / recording.source
+    report = _write(replayed, settings, folder, rerun=rerun, figures=figures)
+    _summary(report, folder)
+    if spawn:
+        from ur5_twin.views import rerun_view
+
+        rerun_view.spawn(replayed, settings.plant)
+
+
+@app.command(epilog=_MODEL_EXAMPLES)
+def model(
+    name: Annotated[
+        str, typer.Argument(autocompletion=_complete_models, help="A model that ships, or the path of a TOML file.")
+    ] = "plant",
+    tool: Annotated[str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange.")] = "none",
+    export: Annotated[Path | None, typer.Option(help="Write the model as MJCF to this file.")] = None,
+    scene: Annotated[bool, typer.Option("--scene", help="With --export or --view: put it on its stand, lit.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show it in MuJoCo's viewer.")] = False,
+) -> None:
+    """Print an arm's masses, centres, inertias and their sources; export it as MJCF; show it."""
+    from ur5_twin.arm import describe
+    from ur5_twin.arm.parameters import load_model
+
+    arm = load_model(name, tool)
+    if export is not None:
+        from ur5_twin.arm import mjcf
+
+        mjcf.export(arm, export, scene=scene)
+        print(f"wrote {export}")
+    elif not view:
+        print(describe.render_markdown(arm))
+    if view:
+        _view(arm, scene)
+
+
+@app.command()
+def fetch(
+    name: Annotated[str, typer.Argument(help="Which public logs.")] = "kufieta2014",
+    source: Annotated[
+        str | None, typer.Option("--from", help="Another git URL, a local clone, or a folder that holds the logs.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to put them in.")] = Path("lab_logs"),
+) -> None:
+    """Fetch public logs of a real UR5, at a pinned commit, and check every file."""
+    from ur5_twin.fetch import fetch as run
+
+    folder = run(name, source=source, out=out)
+    first = next(iter(sorted(p for p in folder.iterdir() if p.is_dir())))
+    print(f"the logs lie in {folder}\nnext: ur5-twin replay {first} --rerun")
+
+
+def _settings(model: str, plant: str | None, gains: str, drive: str, tool: str, mode: Mode) -> ReplaySettings:
+    from ur5_twin.arm.drive import load_drive
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.control.gains import load_gains
+    from ur5_twin.control.target_current import load_target_current_law
+    from ur5_twin.twin.replay import ReplaySettings
+
+    return ReplaySettings(
+        model=load_model(model, tool),
+        plant=load_model(plant or model, tool),
+        gains=load_gains(gains),
+        drive=load_drive(drive),
+        target_current=load_target_current_law(),
+        mode=mode.value,
+    )
+
+
+def _shipped(path: Path) -> Path:
+    """A log that ships, by name, where there is no such path."""
+    if path.exists() or len(path.parts) != 1:
+        return path
+    from ur5_twin.resources import data_dir
+
+    shipped = data_dir("replay") / path
+    return shipped if shipped.is_dir() else path
+
+
+def _progress(label: str, total: int) -> Any:
+    """A progress bar as a context manager that gives a function to call with the number of rows done."""
+    from contextlib import contextmanager
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextmanager
+    def bar() -> Any:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+            task = shown.add_task(label, total=total)
+            yield lambda done: shown.update(task, completed=done)
+
+    return bar()
+
+
+def _write(
+    recording: Recording, settings: ReplaySettings, folder: Path, *, rerun: bool, figures: bool
+) -> dict[str, Any]:
+    from ur5_twin.atomic import write_text
+    from ur5_twin.evaluation import replay_report
+    from ur5_twin.recording import write_parquet
+
+    folder.mkdir(parents=True, exist_ok=True)
+    report = replay_report.summarise(recording, settings)
+    write_parquet(recording, folder / "recording.parquet")
+    drawn: list[Path] = []
+    if figures:
+        from ur5_twin.views.figures import write_figures
+
+        drawn = write_figures(recording, folder / "figures", title=recording.source)
+    if rerun:
+        from ur5_twin.views import rerun_view
+
+        rerun_view.write_rrd(recording, settings.plant, folder / "twin.rrd", title=recording.source)
+    write_text(folder / "report.md", replay_report.render_markdown(report, drawn))
+    write_text(folder / "report.json", replay_report.render_json(report))
+    return report
+
+
+def _summary(report: dict[str, Any], folder: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from ur5_twin.arm.parameters import JOINT_NAMES
+    from ur5_twin.evaluation.replay_report import table_rows
+
+    table = Table(
+        title=f"{report['source']}: {report['mode']} replay, model {report['model']}, mean absolute error",
+        title_justify="left",
+    )
+    table.add_column("signal")
+    table.add_column("unit")
+    for joint in JOINT_NAMES:
+        table.add_column(joint, justify="right")
+    for label, unit, values in table_rows(report):
+        table.add_row(label, unit, *(f"{value:.3g}" for value in values))
+    console = Console()
+    console.print(table)
+    for item in (*report["notes"], *report["repairs"]):
+        console.print(f"- {item['where']}: {item['what']}", highlight=False, markup=False)
+    console.print(f"written to {folder}", highlight=False, markup=False)
+
+
+def _view(arm: ArmModel, scene: bool) -> None:
+    import mujoco.viewer
+
+    from ur5_twin.arm import mjcf
+
+    mujoco.viewer.launch(mjcf.compile(arm, scene=scene))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The hidden controller: feedback linearisation, its servo, and the current it asks of the drives."""

@@ -1,0 +1,1 @@
+"""How good it was: metrics of a replay and the reports that carry them."""

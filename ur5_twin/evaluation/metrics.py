@@ -1,0 +1,20 @@
+"""Errors between what was measured and what was predicted, per joint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def mean_absolute(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """MAE = 1/N sum |measured - predicted| over the rows where both are numbers (thesis equation 5.1), (width,)."""
+    return np.nanmean(np.abs(measured - predicted), axis=0)
+
+
+def largest(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """max |measured - predicted| over the rows where both are numbers (thesis equation 6.13), (width,)."""
+    return np.nanmax(np.abs(measured - predicted), axis=0)
+
+
+def bias(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """Mean of predicted - measured over the rows where both are numbers, (width,)."""
+    return np.nanmean(predicted - measured, axis=0)

@@ -1,0 +1,158 @@
+"""The report of a replay: numbers that can be cited, as JSON and as Markdown."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ur5_twin import __version__
+from ur5_twin.arm.parameters import JOINT_NAMES
+from ur5_twin.evaluation import metrics
+from ur5_twin.recording.table import Recording
+from ur5_twin.twin.replay import ReplaySettings
+
+_LIBRARIES = ("mujoco", "dm-control", "numpy", "scipy", "numba", "polars")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One row of the report: a signal of the log against the twin's prediction of it.
+
+    Attributes:
+        section, key: where it stands in ``report.json``: ``<section>.<key>mae_<unit>`` and so on.
+        signal: RTDE name in the log; the prediction is ``sim_<signal>``.
+        unit: SI unit as it stands in the keys.
+        label, shown_unit, scale: how a reader sees it: the number times ``scale`` is in ``shown_unit``.
+    """
+
+    section: str
+    key: str
+    signal: str
+    unit: str
+    label: str
+    shown_unit: str
+    scale: float
+
+
+COMPARISONS = (
+    Comparison("tracking", "q_", "actual_q", "rad", "position", "mrad", 1e3),
+    Comparison("tracking", "qd_", "actual_qd", "rad_s", "velocity", "mrad/s", 1e3),
+    Comparison("target_moment", "", "target_moment", "nm", "target torque", "Nm", 1.0),
+    Comparison("target_current", "", "target_current", "a", "target current", "A", 1.0),
+    Comparison("actual_current", "", "actual_current", "a", "motor current", "A", 1.0),
+)
+
+
+def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
+    """The report of a replayed recording as plain data.
+
+    Each of ``tracking.q_*_rad``, ``tracking.qd_*_rad_s``, ``target_moment.*_nm``, ``target_current.*_a`` and
+    ``actual_current.*_a`` holds six numbers, joint 1 to 6, for ``mae``, ``max`` and ``bias`` (predicted minus
+    measured); a section is missing where the log lacks the signal. ``target_moment.closed_loop_mae_nm`` compares the torque of the
+    twin's own control law instead of the inverse dynamics of the target motion, ``actual_current.controller_mae_a`` the
+    controller's own target_current instead of the twin's prediction.
+    """
+    robot = recording.robot
+    report: dict[str, Any] = {
+        "source": recording.source,
+        "format": recording.format,
+        "mode": settings.mode,
+        "model": settings.model.name,
+        "plant": settings.plant.name,
+        "tool": settings.model.tool.name if settings.model.tool else "none",
+        "gains": settings.gains.name,
+        "drive": settings.drive.name,
+        "samples": len(robot),
+        "duration_s": float(robot.time[-1] - robot.time[0]),
+    }
+    for item in COMPARISONS:
+        if item.signal not in robot or f"sim_{item.signal}" not in robot:
+            continue
+        pair = robot[item.signal], robot[f"sim_{item.signal}"]
+        section = report.setdefault(item.section, {})
+        section[f"{item.key}mae_{item.unit}"] = _six(metrics.mean_absolute(*pair))
+        section[f"{item.key}max_{item.unit}"] = _six(metrics.largest(*pair))
+        section[f"{item.key}bias_{item.unit}"] = _six(metrics.bias(*pair))
+    if "target_moment" in report:
+        closed_loop = metrics.mean_absolute(robot["target_moment"], robot["sim_moment"])
+        report["target_moment"]["closed_loop_mae_nm"] = _six(closed_loop)
+    if "actual_current" in robot and "target_current" in robot:
+        own = metrics.mean_absolute(robot["actual_current"], robot["target_current"])
+        report["actual_current"]["controller_mae_a"] = _six(own)
+    report["devices"] = {
+        name: {"rows": len(table), "columns": sorted(c for c in table.columns if not c.startswith("sim_"))}
+        for name, table in recording.tables.items()
+    }
+    report["notes"] = [{"where": n.where, "what": n.what} for n in recording.notes if not n.repaired]
+    report["repairs"] = [{"where": n.where, "what": n.what} for n in recording.notes if n.repaired]
+    report["versions"] = versions()
+    return report
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package, Python and the libraries that shape the numbers."""
+    found = {"ur5-twin": __version__, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def render_json(report: dict[str, Any]) -> str:
+    return json.dumps(report, indent=2, ensure_ascii=False) + "\n"
+
+
+def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
+    """Label, unit and six numbers of each mean absolute error in the report, in the units a reader wants."""
+    rows = []
+    for item in COMPARISONS:
+        values = report.get(item.section, {}).get(f"{item.key}mae_{item.unit}")
+        if values is not None:
+            rows.append((item.label, item.shown_unit, [value * item.scale for value in values]))
+    own = report.get("actual_current", {}).get("controller_mae_a")
+    if own is not None:
+        rows.append(("the controller's own target current, for comparison", "A", own))
+    return rows
+
+
+def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
+    """The report for people; ``figures`` are linked relative to the report's folder."""
+    lines = [
+        f"# Replay of {report['source']}",
+        "",
+        f"{report['samples']:,} samples, {report['duration_s']:.2f} s. Mode **{report['mode']}**, controller model "
+        f"**{report['model']}**, plant **{report['plant']}**, tool **{report['tool']}**, gains **{report['gains']}**, "
+        f"drive **{report['drive']}**.",
+        "",
+        "Mean absolute error of the twin's prediction against the log, per joint:",
+        "",
+        "| signal | unit | " + " | ".join(JOINT_NAMES) + " |",
+        "|---|---|" + "---:|" * len(JOINT_NAMES),
+    ]
+    lines += [
+        f"| {label} | {unit} | " + " | ".join(f"{value:.4g}" for value in values) + " |"
+        for label, unit, values in table_rows(report)
+    ]
+    for title, key, none in (
+        ("What the reader found in the log", "notes", "Nothing worth a word."),
+        ("What was repaired", "repairs", "Nothing."),
+    ):
+        lines += ["", f"## {title}", ""]
+        lines += [f"- {item['where']}: {item['what']}" for item in report[key]] or [none]
+    if figures:
+        lines += ["", "## Figures", ""]
+        lines += [f"![{path.stem}]({path.parent.name}/{path.name})" for path in figures]
+    lines += ["", "## Versions", "", ", ".join(f"{name} {number}" for name, number in report["versions"].items()), ""]
+    return "\n".join(lines)
+
+
+def _six(values: np.ndarray) -> list[float]:
+    return [float(value) for value in values]

@@ -1,0 +1,149 @@
+"""The real controller's own model, from what it says about itself: target_moment and target_current.
+
+Both are computed by the controller without noise, so that ordinary least squares finds its numbers and what is left
+shows what the model lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ur5_twin.arm.dynamics import Dynamics
+from ur5_twin.arm.parameters import ArmModel, Link
+from ur5_twin.control.target_current import driving_share
+from ur5_twin.recording.table import Recording
+
+#: Torque whose sign six decimals of a log do not tell with certainty, Nm.
+_UNLOADED = 1e-4
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """Numbers of the controller's rigid-body model with one standard deviation.
+
+    Attributes:
+        gravity, gravity_std: m/s^2.
+        tensor_fraction, tensor_fraction_std: share of the given model's link tensors that target_moment contains.
+        rotor_inertia, rotor_inertia_std: (6,) kg m^2.
+        mae: (6,) mean absolute error left on the logs of the fit, Nm.
+    """
+
+    gravity: float
+    gravity_std: float
+    tensor_fraction: float
+    tensor_fraction_std: float
+    rotor_inertia: np.ndarray
+    rotor_inertia_std: np.ndarray
+    mae: np.ndarray
+
+
+def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
+    """Gravity, share of the link tensors and rotor inertias from target_moment.
+
+    target_moment = (masses' torque) + g G(q) + f (tensors' torque) + J_r qdd is linear in g, f and J_r; masses and mass
+    centres are those of ``model``. Joints are weighted by what a first fit leaves in each.
+
+    Args:
+        recordings: logs with target_q, target_qd, target_qdd and target_moment, no payload set.
+        model: masses, centres and the tensors to be scaled.
+    """
+    robots = [recording.robot for recording in recordings]
+    q, qd, qdd, moment = (
+        np.concatenate([robot[name] for robot in robots])
+        for name in ("target_q", "target_qd", "target_qdd", "target_moment")
+    )
+    point = replace(model, links=tuple(_point(link) for link in model.links), rotor_inertia=np.zeros(6), gravity=0.0)
+    masses = Dynamics(point).inverse(q, qd, qdd)
+    tensors = Dynamics(replace(model, rotor_inertia=np.zeros(6), gravity=0.0)).inverse(q, qd, qdd) - masses
+    gravity = Dynamics(replace(point, gravity=1.0)).gravity(q)
+    columns = np.zeros((len(q), 6, 8))
+    columns[:, :, 0], columns[:, :, 1] = gravity, tensors
+    columns[:, range(6), range(2, 8)] = qdd
+    left = moment - masses
+    solution = np.linalg.lstsq(columns.reshape(-1, 8), left.ravel(), rcond=None)[0]
+    weight = 1.0 / (left - columns @ solution).std(axis=0)
+    a, b = (columns * weight[:, None]).reshape(-1, 8), (left * weight).ravel()
+    solution = np.linalg.lstsq(a, b, rcond=None)[0]
+    residual = left - columns @ solution
+    std = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * np.mean((b - a @ solution) ** 2))
+    return RigidFit(
+        gravity=float(solution[0]),
+        gravity_std=float(std[0]),
+        tensor_fraction=float(solution[1]),
+        tensor_fraction_std=float(std[1]),
+        rotor_inertia=solution[2:],
+        rotor_inertia_std=std[2:],
+        mae=np.abs(residual).mean(axis=0),
+    )
+
+
+@dataclass(frozen=True)
+class CurrentFit:
+    """Coefficients of the target_current law, per joint.
+
+    Attributes:
+        torque_constant: (6,) Nm/A at standstill.
+        load: (6,) A/Nm.
+        viscous: (2, n_logs, 6) A s/rad, driving and back-driven, one per log: it follows the drive's temperature.
+        mae: (n_logs, 6) error left with each log's own viscous coefficients, A.
+        mae_common: (n_logs, 6) with the logs' mean coefficients, A.
+    """
+
+    torque_constant: np.ndarray
+    load: np.ndarray
+    viscous: np.ndarray
+    mae: np.ndarray
+    mae_common: np.ndarray
+
+
+def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
+    """target_current = tau / k + load |tau| sgn(qd) + viscous qd, viscous per log and per branch.
+
+    The branches are those of ``control.target_current.driving_share``. Rows in motion with less torque than
+    ``_UNLOADED`` tell nothing about them, since the log's rounding hides the sign; the fit leaves them out, the errors
+    count them.
+    """
+    robots = [recording.robot for recording in recordings]
+    count = len(robots)
+    constant, load = np.empty(6), np.empty(6)
+    viscous = np.empty((2, count, 6))
+    mae, mae_common = np.empty((count, 6)), np.empty((count, 6))
+    for joint in range(6):
+        blocks = []
+        for k, robot in enumerate(robots):
+            tau, qd = robot["target_moment"][:, joint], robot["target_qd"][:, joint]
+            block = np.zeros((len(robot), 2 + 2 * count))
+            block[:, 0], block[:, 1] = tau, np.abs(tau) * np.sign(qd)
+            driving = driving_share(tau, qd)
+            block[:, 2 + k], block[:, 2 + count + k] = driving * qd, (1.0 - driving) * qd
+            blocks.append(block)
+        current = [robot["target_current"][:, joint] for robot in robots]
+        told = [
+            (np.abs(robot["target_moment"][:, joint]) > _UNLOADED) | (robot["target_qd"][:, joint] == 0)
+            for robot in robots
+        ]
+        solution = np.linalg.lstsq(
+            np.concatenate([block[rows] for block, rows in zip(blocks, told, strict=True)]),
+            np.concatenate([i[rows] for i, rows in zip(current, told, strict=True)]),
+            rcond=None,
+        )[0]
+        constant[joint], load[joint] = 1.0 / solution[0], solution[1]
+        viscous[:, :, joint] = solution[2:].reshape(2, count)
+        common = np.concatenate([solution[:2], np.repeat(_mean_moving(viscous[:, :, joint], robots, joint), count)])
+        mae[:, joint] = [np.abs(b @ solution - i).mean() for b, i in zip(blocks, current, strict=True)]
+        mae_common[:, joint] = [np.abs(b @ common - i).mean() for b, i in zip(blocks, current, strict=True)]
+    return CurrentFit(constant, load, viscous, mae, mae_common)
+
+
+def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarray:
+    """(2,) mean of the logs' coefficients, each log counted by the way its joint travels."""
+    travel = np.array([np.abs(robot["target_qd"][:, joint]).sum() for robot in robots])
+    moved = travel > 0
+    return viscous[:, moved] @ travel[moved] / travel[moved].sum()
+
+
+def _point(link: Link) -> Link:
+    return replace(link, inertia=np.zeros((3, 3)))

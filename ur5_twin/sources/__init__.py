@@ -1,0 +1,1 @@
+"""Where the twin's samples come from."""

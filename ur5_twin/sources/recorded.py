@@ -1,0 +1,43 @@
+"""A recording as a source: its robot table, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import repeat
+
+import numpy as np
+
+from ur5_twin.errors import ReplayError
+from ur5_twin.recording.table import Recording
+from ur5_twin.twin.sample import Sample
+
+_TARGETS = ("target_q", "target_qd", "target_qdd")
+_STATE = ("actual_q", "actual_qd")
+
+
+class RecordedSource:
+    """Samples of a recording, in order; their targets are None where the log lacks one of the three signals.
+
+    Raises:
+        ReplayError: the robot table lacks actual_q or actual_qd, or holds fewer than two rows.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        robot = recording.robot
+        missing = [name for name in _STATE if name not in robot]
+        if missing:
+            raise ReplayError(
+                f"{recording.source}: a replay needs {' and '.join(_STATE)}; no {', '.join(missing)} here"
+            )
+        if len(robot) < 2:
+            raise ReplayError(f"{recording.source}: {len(robot)} rows, a replay needs at least two")
+        self._time: list[float] = robot.time.tolist()
+        self._q, self._qd = (np.ascontiguousarray(robot[name]) for name in _STATE)
+        self.has_targets = all(name in robot for name in _TARGETS)
+        self._targets = np.stack([robot[name] for name in _TARGETS], axis=1) if self.has_targets else repeat(None)
+
+    def __len__(self) -> int:
+        return len(self._time)
+
+    def __iter__(self) -> Iterator[Sample]:
+        yield from map(Sample, self._time, self._q, self._qd, self._targets)
