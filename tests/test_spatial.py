@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -15,6 +15,8 @@ ROUNDING = 1e-14
 #: Central differences with step 1e-6: 1e-12 from the step, 1e-10 from rounding.
 DIFFERENCES = 1e-8
 STEP = 1e-6
+#: The first call imports scipy; how long that takes is no property of the code under test.
+untimed = settings(deadline=None)
 
 components = st.floats(-3.0, 3.0, allow_subnormal=False)
 vectors = arrays(float, 3, elements=components)
@@ -28,11 +30,13 @@ def random_poses(seed: int, *shape: int) -> np.ndarray:
     return spatial.pose(random_rotations(seed, *shape), np.random.default_rng(seed + 1).normal(size=(*shape, 3)))
 
 
+@untimed
 @given(vectors, vectors)
 def test_skew_is_the_cross_product(v: np.ndarray, w: np.ndarray) -> None:
     np.testing.assert_allclose(spatial.skew(v) @ w, np.cross(v, w), atol=ROUNDING)
 
 
+@untimed
 @given(vectors)
 def test_rotation_vector_survives_the_round_trip(r: np.ndarray) -> None:
     R = spatial.rotation_from_vector(r)
@@ -48,6 +52,7 @@ def test_rotation_vector_is_exact_near_pi(below_pi: float) -> None:
     np.testing.assert_allclose(r * np.sign(r @ axis), axis * (np.pi - below_pi), atol=ROUNDING)
 
 
+@untimed
 @given(vectors)
 def test_zyz_angles_survive_the_round_trip(phi: np.ndarray) -> None:
     R = spatial.rotation_from_zyz(phi)

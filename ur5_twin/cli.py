@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.errors import TwinError
+from ur5_twin.errors import MissingExtraError, TwinError
 
 if TYPE_CHECKING:
     from ur5_twin.arm.parameters import ArmModel
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="ur5-twin",
     help="A digital twin of a UR5: replay logs in lockstep with a MuJoCo model, look at both, measure the difference.",
-    epilog="First steps: [bold]ur5-twin replay demo[/bold], then [bold]ur5-twin fetch kufieta2014[/bold] for real logs.",
+    epilog="First: [bold]ur5-twin replay demo[/bold]. Real logs: [bold]ur5-twin fetch kufieta2014[/bold].",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -141,7 +141,10 @@ def replay(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the log>.")
     ] = None,
-    rerun: Annotated[bool, typer.Option("--rerun/--no-rerun", help="Write twin.rrd for the Rerun viewer.")] = True,
+    rerun: Annotated[
+        bool | None,
+        typer.Option("--rerun/--no-rerun", help="Write twin.rrd. Default: if the Rerun SDK is installed."),
+    ] = None,
     spawn: Annotated[bool, typer.Option("--spawn", help="Open the Rerun viewer at the end.")] = False,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures/*.png.")] = True,
     repair: Annotated[
@@ -152,13 +155,15 @@ def replay(
     from ur5_twin.recording import read
     from ur5_twin.twin.replay import replay as run
 
+    if rerun or spawn:
+        _need_rerun()
     settings = _settings(model, plant, gains, drive, tool, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
     with _progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
     folder = out if out is not None else Path("out") / recording.source
-    report = _write(replayed, settings, folder, rerun=rerun, figures=figures)
+    report = _write(replayed, settings, folder, rerun=_has_rerun() if rerun is None else rerun, figures=figures)
     _summary(report, folder)
     if spawn:
         from ur5_twin.views import rerun_view
@@ -223,6 +228,17 @@ def _settings(model: str, plant: str | None, gains: str, drive: str, tool: str, 
         target_current=load_target_current_law(),
         mode=mode.value,
     )
+
+
+def _has_rerun() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("rerun") is not None
+
+
+def _need_rerun() -> None:
+    if not _has_rerun():
+        raise MissingExtraError("the Rerun view", "view")
 
 
 def _shipped(path: Path) -> Path:

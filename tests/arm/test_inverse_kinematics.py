@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -18,6 +18,8 @@ from ur5_twin.errors import ModelError
 
 ARM = load_model("c")
 LIMIT = 2 * np.pi
+#: The first call compiles or imports; how long that takes is no property of the code under test.
+untimed = settings(deadline=None)
 positions = arrays(float, 6, elements=st.floats(-LIMIT, LIMIT, allow_subnormal=False))
 
 
@@ -26,6 +28,7 @@ def turned(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.abs(np.angle(np.exp(1j * (q - other)))).max(axis=-1)
 
 
+@untimed
 @given(positions)
 def test_every_solution_reaches_the_pose(q: np.ndarray) -> None:
     X_BF = kinematics.forward(ARM, q)
@@ -36,6 +39,7 @@ def test_every_solution_reaches_the_pose(q: np.ndarray) -> None:
     np.testing.assert_allclose(reached, np.broadcast_to(X_BF, reached.shape), atol=3e-9)
 
 
+@untimed
 @given(positions)
 def test_the_position_itself_is_among_the_solutions(q: np.ndarray) -> None:
     away = singularities.distances(ARM, q)
@@ -78,12 +82,18 @@ def test_free_joint_takes_the_hint_at_a_wrist_singularity(q5: float) -> None:
     # The hint only matters in the branch that is singular; the other shoulder still has both its wrists.
     assert np.nanmin(turned(solutions.q, q)) < 1e-9
     assert solutions.valid.sum() == 6
-    # Another hint is taken as it is where links 2 and 3 reach, else as near as they reach; the pose is met either way.
-    for hint in (0.6, -1.0, 3.0):
+    # Another hint is taken as it is where links 2 and 3 reach, else they are stretched or folded towards it.
+    taken = 0
+    for hint in (0.6, -1.0, 1.5, 3.0):
         other = solve(ARM, X_BF, q6_hint=hint)
         reached = kinematics.forward(ARM, other.q[other.valid])
         np.testing.assert_allclose(reached, np.broadcast_to(X_BF, reached.shape), atol=1e-9)
-        assert np.isclose(other.q[..., 5], hint, rtol=0.0, atol=1e-12).sum() == (2 if hint == 0.6 else 0)
+        singular = other.q[other.valid & (np.abs(np.sin(other.q[:, 4])) < 1e-9)]
+        assert len(singular) == 2
+        as_hinted = np.isclose(singular[:, 5], hint, rtol=0.0, atol=1e-12)
+        assert (as_hinted | (np.abs(np.sin(singular[:, 2])) < 1e-6)).all()
+        taken += as_hinted.all()
+    assert 0 < taken < 4
 
 
 def test_many_poses_at_once_equal_one_by_one() -> None:
@@ -95,6 +105,7 @@ def test_many_poses_at_once_equal_one_by_one() -> None:
     np.testing.assert_array_equal(together.q[1, 3], solve(ARM, X_BF[1, 3], q6_hint=q[1, 3, 5]).q)
 
 
+@untimed
 @given(positions)
 def test_nearest_keeps_the_turn_it_is_on(q: np.ndarray) -> None:
     away = singularities.distances(ARM, q)

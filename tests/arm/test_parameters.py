@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ur5_twin.arm import inertia
+from ur5_twin.arm import describe, inertia
 from ur5_twin.arm.files import model_path
 from ur5_twin.arm.parameters import ArmModel, load_model, load_tool, model_names, tool_names
 from ur5_twin.errors import ModelError
@@ -252,3 +252,25 @@ def test_names() -> None:
     assert model_names() == ("a", "b", "c", "controller", "plant")
     assert set(tool_names()) == {"none", "ati_gamma", "xsens_mti", "both"}
     assert load_model("C").name == "c"
+
+
+def test_the_description_has_every_number_and_its_source() -> None:
+    text = describe.render_markdown(load_model("c", "both"))
+    for number in ("-392.25", "113.36", "0.356359", "0.1879", "294.7", "62.5"):
+        assert number in text
+    for source in ("thesis table 5.2(b)", "thesis table 4.1", "table 4.2", "tables C.3, C.4", "thesis equation 5.10"):
+        assert source in text
+    assert "link 2: the cylinders' common centre is 0.93 mm from the link's, by (0.00, 0.00, -0.93) mm" in text
+    assert "link 3: the cylinders' common centre is 0.17 mm" in text
+    assert "link 6: the cylinders weigh 0.188 kg, the link 0.1879 kg" in text
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_the_tables_of_a_model_are_whole(name: str) -> None:
+    model = load_model(name)
+    tables = describe.tables(model)
+    assert [table.title for table in tables] == ["Joints", "Links", "Cylinders"]
+    assert [len(table.rows) for table in tables[:2]] == [6, 6]
+    assert len(tables[2].rows) == sum(len(link.cylinders) for link in model.links)
+    for table in tables:
+        assert {len(row) for row in table.rows} == {len(table.columns)}

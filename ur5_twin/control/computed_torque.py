@@ -22,12 +22,13 @@ _ROUNDING = 0.2
 def reference(before, after, dt, coefficients, step):  # pragma: no cover - compiled
     """The reference from one target to the next, as a polynomial in t per joint.
 
-    It is the quintic that has q_d, qd_d and qdd_d of both targets: held constant over a tick, the reference would lag by
-    half a tick, some milliradians at the speeds of the logs. Where that quintic needs clearly more acceleration than the
-    two targets ask for, the target stepped rather than moved: the real controller lets its target follow the measured
-    position while it is idle, and sets it onto the measured position when a move ends (up to 4 mrad within a tick); a
-    log stamped by the receiver's clock steps a little everywhere. The joint's reference then ends in the new target with
-    the acceleration going straight from one target's to the other's, and begins away from the old one by ``step``.
+    It is the quintic that has q_d, qd_d and qdd_d of both targets: held constant over a tick, the reference would lag
+    by half a tick, some milliradians at the speeds of the logs. Where that quintic needs clearly more acceleration than
+    the two targets ask for, the target stepped rather than moved: the real controller lets its target follow the
+    measured position while it is idle, and sets it onto the measured position when a move ends (up to 4 mrad within a
+    tick); a log stamped by the receiver's clock steps a little everywhere. The joint's reference then ends in the new
+    target with the acceleration going straight from one target's to the other's, and begins away from the old one by
+    ``step``.
 
     Args:
         before, after: (3, 6) targets.

@@ -5,9 +5,10 @@ Per joint, to the six digits of the lab logs::
     target_current = tau / k + load |tau| sgn(qd) + viscous qd,    tau = target_moment, qd = target_qd
 
 with one viscous coefficient while the joint drives its load (tau qd > 0), another while it is back-driven (tau qd < 0)
-and their mean without load. The first two terms never change; the viscous ones take a few discrete values in each log, growing as the log gets colder,
-in the ratio of table 4.1 (0.4 : 0.6 for the big joints, 0.3 : 0.25 for the small ones): the controller corrects its
-friction for the drive's temperature, which the lab's logs do not hold.
+and their mean without load. The first two terms never change. The viscous coefficients take a few discrete values
+within each log, in the ratios of thesis table 4.1 (0.4 : 0.6 for the big joints, 0.3 : 0.25 for the small ones), and
+differ by 20 % between logs: the controller corrects its friction for the drive's temperature, which the lab's logs do
+not hold.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _NO_TORQUE = 1e-6
 
 
 def driving_share(torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    """1 where a joint drives its load, 0 where it is back-driven, 1/2 without load or at rest; any shape, Nm and rad/s."""
+    """1 where a joint drives its load, 0 where it is back-driven, 1/2 without load or at rest; any shape, Nm, rad/s."""
     return 0.5 + 0.5 * np.sign(qd) * np.where(np.abs(torque) > _NO_TORQUE, np.sign(torque), 0.0)
 
 

@@ -54,9 +54,9 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
 
     Each of ``tracking.q_*_rad``, ``tracking.qd_*_rad_s``, ``target_moment.*_nm``, ``target_current.*_a`` and
     ``actual_current.*_a`` holds six numbers, joint 1 to 6, for ``mae``, ``max`` and ``bias`` (predicted minus
-    measured); a section is missing where the log lacks the signal. ``target_moment.closed_loop_mae_nm`` compares the torque of the
-    twin's own control law instead of the inverse dynamics of the target motion, ``actual_current.controller_mae_a`` the
-    controller's own target_current instead of the twin's prediction.
+    measured); a section is missing where the log lacks the signal. ``target_moment.closed_loop_mae_nm`` compares the
+    torque of the twin's own control law instead of the inverse dynamics of the target motion, and
+    ``actual_current.controller_mae_a`` the controller's own target_current instead of the twin's prediction.
     """
     robot = recording.robot
     report: dict[str, Any] = {

@@ -78,7 +78,6 @@ class ClosedLoop:
 
     def reset(self, q: np.ndarray, qd: np.ndarray) -> None:
         """Put the arm at joint positions ``q`` (6,) rad with velocities ``qd`` (6,) rad/s."""
-        mujoco.mj_resetData(self._model, self._data)
         self._q[:] = q
         self._qd[:] = qd
 

@@ -1,0 +1,44 @@
+"""The controller's current law, on made-up torques and on what the real controller said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ur5_twin.control.target_current import driving_share, load_target_current_law
+from ur5_twin.recording import read
+
+
+def test_branches() -> None:
+    torque = np.array([5.0, -5.0, 5.0, -5.0, 0.0, 5.0])
+    qd = np.array([0.1, -0.1, -0.1, 0.1, 0.1, 0.0])
+    assert driving_share(torque, qd).tolist() == [1.0, 1.0, 0.0, 0.0, 0.5, 0.5]
+
+
+def test_viscous_ratios_are_those_of_table_4_1() -> None:
+    law = load_target_current_law()
+    ratio = law.viscous_backdriven / law.viscous_driving
+    # Table 4.1: 0.6 / 0.4 for the big joints, 0.25 / 0.3 for the small ones; three digits in the file.
+    assert np.allclose(ratio, [1.5] * 3 + [0.25 / 0.3] * 3, rtol=5e-3)
+
+
+def test_standstill_current_of_every_log(lab_logs: Path) -> None:
+    """At rest the law has no friction and no temperature: it holds to the digits of its torque constants."""
+    law = load_target_current_law()
+    for folder in sorted(lab_logs.glob("Movement_*")):
+        robot = read(folder).robot
+        still = (robot["target_qd"] == 0).all(axis=1)
+        error = law.current(robot["target_moment"], robot["target_qd"]) - robot["target_current"]
+        # Four digits of k at up to 6 A.
+        assert np.abs(error[still]).max() < 1e-3, folder.name
+
+
+@pytest.mark.parametrize("movement", ["Movement_No5_Acc_slow_w_disturbance", "Movement_No9_Singularity_Free_NoDist"])
+def test_moving_current(lab_logs: Path, movement: str) -> None:
+    """In motion the drive temperature is unknown: 20 % of a viscous current of at most 1 A."""
+    law = load_target_current_law()
+    robot = read(lab_logs / movement).robot
+    error = law.current(robot["target_moment"], robot["target_qd"]) - robot["target_current"]
+    assert np.abs(error).mean(axis=0).max() < 0.02
