@@ -209,6 +209,15 @@ def test_the_arm_stands_free_in_the_scene_and_can_hit_its_stand() -> None:
     assert _names(mj_model, mujoco.mjtObj.mjOBJ_CAMERA, mj_model.ncam) == ["front", "side"]
 
 
+def test_upright_it_is_as_tall_as_the_thesis_says() -> None:
+    """About 1.04 m in position 2 (caption of figure 4.1): the top is the housing of wrist 2, which lies level there."""
+    model = load_model("c")
+    data = _at(mjcf.compile(model), np.array(mjcf.KEYFRAMES["home"]))
+    radius = model.links[4].cylinders[0].radius
+    assert abs(data.site("dh_5").xmat[8]) < 1e-12
+    assert data.site("dh_5").xpos[2] + radius == pytest.approx(1.04, abs=0.005)
+
+
 def test_free_motion_keeps_its_energy() -> None:
     """No damping and no friction in the mechanics: falling from rest, potential energy becomes motion.
 

@@ -1,0 +1,73 @@
+"""The real controller's own model from its target_moment and target_current, checked on logs it was not fitted to.
+
+    python benchmarks/controller_model.py LOGS
+
+LOGS is a folder with one folder per movement. Prints the fit on all of them, which is what models/ur5_controller.toml
+and models/target_current.toml hold, and for each log what a fit on all the others predicts of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ur5_twin.arm.dynamics import Dynamics
+from ur5_twin.arm.parameters import load_model
+from ur5_twin.evaluation.metrics import mean_absolute
+from ur5_twin.identification.controller import fit_rigid, fit_target_current
+from ur5_twin.recording import read
+from ur5_twin.recording.table import Recording
+
+
+def predicted_mae(fitted: list[Recording], unseen: Recording) -> np.ndarray:
+    """MAE (6,) in Nm of target_moment on a log by a model fitted to others."""
+    fit = fit_rigid(fitted, load_model("c"))
+    model = replace(load_model("controller"), gravity=fit.gravity, rotor_inertia=fit.rotor_inertia)
+    robot = unseen.robot
+    moment = Dynamics(model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
+    return mean_absolute(robot["target_moment"], moment)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", type=Path, help="a folder with one folder per movement")
+    options = parser.parse_args()
+    recordings = [read(folder) for folder in sorted(options.logs.glob("Movement_*"))]
+
+    fit = fit_rigid(recordings, load_model("c"))
+    print(f"{len(recordings)} logs. One standard deviation of the fit behind each number.\n")
+    print(f"gravity          {fit.gravity:.5f} +- {fit.gravity_std:.5f} m/s^2")
+    print(f"share of tensors {fit.tensor_fraction:.5f} +- {fit.tensor_fraction_std:.5f}")
+    rotor = zip(fit.rotor_inertia, fit.rotor_inertia_std, strict=True)
+    print("rotor inertia    " + ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in rotor) + " kg m^2\n")
+    print("MAE of target_moment in mNm, predicted by a fit on all other logs:\n")
+    print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
+    for k, unseen in enumerate(recordings):
+        mae = predicted_mae(recordings[:k] + recordings[k + 1 :], unseen) * 1e3
+        print(f"| {unseen.source} | " + " | ".join(f"{value:.3f}" for value in mae) + " |")
+
+    moving = [r for r in recordings if (np.abs(r.robot["target_qd"]).max(axis=0) > 0).all()]
+    law = fit_target_current(moving)
+    travel = np.array([np.abs(r.robot["target_qd"]).sum(axis=0) for r in moving])
+    mean = (law.viscous * travel).sum(axis=1) / travel.sum(axis=0)
+    print("\ntarget_current, on the logs in which every joint moves:\n")
+    print("torque constant    " + ", ".join(f"{value:.4f}" for value in law.torque_constant) + " Nm/A")
+    print("load               " + ", ".join(f"{value:.5f}" for value in law.load) + " A/Nm")
+    print("viscous driving    " + ", ".join(f"{value:.4f}" for value in mean[0]) + " A s/rad, mean over logs")
+    print("viscous backdriven " + ", ".join(f"{value:.4f}" for value in mean[1]) + " A s/rad, mean over logs\n")
+    for title, mae in (
+        ("with each log's own viscous coefficients", law.mae),
+        ("with their mean", law.mae_common),
+    ):
+        print(f"MAE of target_current in mA {title}:\n")
+        print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
+        for recording, row in zip(moving, mae * 1e3, strict=True):
+            print(f"| {recording.source} | " + " | ".join(f"{value:.2f}" for value in row) + " |")
+        print()
+
+
+if __name__ == "__main__":
+    main()
