@@ -122,9 +122,7 @@ def test_zyz_rates_invert_and_differentiate() -> None:
     identity = spatial.zyz_rates_inverse(phi) @ spatial.zyz_rates(phi)
     np.testing.assert_allclose(identity, np.broadcast_to(np.eye(3), (50, 3, 3)), atol=10 * ROUNDING)
     difference = spatial.zyz_rates(phi + STEP * phi_dot) - spatial.zyz_rates(phi - STEP * phi_dot)
-    np.testing.assert_allclose(
-        spatial.zyz_rates_derivative(phi, phi_dot), difference / (2 * STEP), atol=DIFFERENCES
-    )
+    np.testing.assert_allclose(spatial.zyz_rates_derivative(phi, phi_dot), difference / (2 * STEP), atol=DIFFERENCES)
 
 
 def test_zyz_rates_have_no_inverse_at_the_representational_singularity() -> None:

@@ -155,7 +155,7 @@ def vector_rates_inverse(r: ArrayLike) -> np.ndarray:
     r = np.asarray(r, dtype=float)
     a, b, _, _ = _vector_coefficients(r)
     S = skew(r)
-    # (1 - (a t^2) cot-term)/t^2 written with a and b so that it is smooth at 0: (b t^2 ... ) = (a - 2b)/(2a) / 1.
+    # I - S/2 + (1 - t sin t / (2 (1 - cos t))) / t^2 S^2, where sin t / t = 1 - b t^2 and 1 - cos t = a t^2.
     square = np.sum(r * r, axis=-1)[..., None, None]
     small = square < 2.5e-3
     closed = 1.0 / np.where(small, 1.0, square) - (1.0 - b * square) / (2.0 * a * np.where(small, 1.0, square))

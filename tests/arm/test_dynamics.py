@@ -293,7 +293,7 @@ def test_target_torque_is_known_to_its_printed_digits(lab_logs: Path) -> None:
     for folder in sorted(lab_logs.glob("Movement_*")):
         q, qd, qdd, moment = read(folder, "q_target", "qd_target", "qdd_target", "m_target")
         error = np.abs(arm.inverse(q, qd, qdd) - moment)
-        # q is printed to 1e-6 rad, so up to 0.5e-6 off, and three joints with up to 60 Nm/rad of gravity add up to 1e-4.
+        # q is printed to 1e-6 rad, so up to 0.5e-6 off, and three joints with up to 60 Nm/rad of gravity make 1e-4.
         assert error.max() < 1e-4, folder.name
 
 

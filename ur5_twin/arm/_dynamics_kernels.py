@@ -1,8 +1,8 @@
 """Compiled rigid-body dynamics of a serial arm with six revolute joints and any standard DH parameters.
 
-Everything is written in joint frames: frame J_i sits at o_{i-1} with z along joint i's axis and turns with link i. In it
-the link's inertia is constant and joint i is a turn about z, so the DH twist and offsets only enter as one constant step
-to the next joint. ``Packed`` holds those constants.
+Everything is written in joint frames: frame J_i sits at o_{i-1} with z along joint i's axis and turns with link i. In
+it the link's inertia is constant and joint i is a turn about z, so the DH twist and offsets only enter as one constant
+step to the next joint. ``Packed`` holds those constants.
 """
 
 from __future__ import annotations
@@ -69,7 +69,17 @@ def _out(link, cs, qd, qdd, motion):
     ez = az + azx * px + azz * pz
     return (
         (fx, fy, fz, nx, ny, nz),
-        (x, ca * y + sa * z, ca * z - sa * y, gx, ca * gy + sa * gz, ca * gz - sa * gy, ex, ca * ey + sa * ez, ca * ez - sa * ey),
+        (
+            x,
+            ca * y + sa * z,
+            ca * z - sa * y,
+            gx,
+            ca * gy + sa * gz,
+            ca * gz - sa * gy,
+            ex,
+            ca * ey + sa * ez,
+            ca * ez - sa * ey,
+        ),
     )
 
 
@@ -91,8 +101,12 @@ def _back(link, cs, child, own):
     my = ca * ky - sa * nz
     mz = sa * ky + ca * nz
     return (
-        own[0] + tx, own[1] + ry, own[2] + rz,
-        own[3] + kx - pz * ry, own[4] + my + pz * tx - px * rz, own[5] + mz + px * ry,
+        own[0] + tx,
+        own[1] + ry,
+        own[2] + rz,
+        own[3] + kx - pz * ry,
+        own[4] + my + pz * tx - px * rz,
+        own[5] + mz + px * ry,
     )
 
 
@@ -163,7 +177,9 @@ def mass_matrix_into(packed, q, out):
     at 1 rad/s.
     """
     links = packed.links
-    bodies = np.empty((6, 10))  # mass, m c (3), tensor (xx, xy, xz, yy, yz, zz), about the base's origin and in its axes
+    bodies = np.empty(
+        (6, 10)
+    )  # mass, m c (3), tensor (xx, xy, xz, yy, yz, zz), about the base's origin and in its axes
     axes = np.empty((6, 6))  # z_i and o_i x z_i
     rxx, rxy, rxz, ryx, ryy, ryz, rzx, rzy, rzz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     ox, oy, oz = 0.0, 0.0, 0.0
@@ -175,13 +191,23 @@ def mass_matrix_into(packed, q, out):
         rxx, rxy = c * rxx + s * rxy, c * rxy - s * rxx
         ryx, ryy = c * ryx + s * ryy, c * ryy - s * ryx
         rzx, rzy = c * rzx + s * rzy, c * rzy - s * rzx
-        gx, gy, gz = (
-            rxx * hx + rxy * hy + rxz * hz, ryx * hx + ryy * hy + ryz * hz, rzx * hx + rzy * hy + rzz * hz
-        )
+        gx, gy, gz = (rxx * hx + rxy * hy + rxz * hz, ryx * hx + ryy * hy + ryz * hz, rzx * hx + rzy * hy + rzz * hz)
         # R I first, then (R I) R' and the parallel axes with the first moment g = m (c - o).
-        ax, bx, cx = rxx * ixx + rxy * ixy + rxz * ixz, rxx * ixy + rxy * iyy + rxz * iyz, rxx * ixz + rxy * iyz + rxz * izz
-        ay, by, cy = ryx * ixx + ryy * ixy + ryz * ixz, ryx * ixy + ryy * iyy + ryz * iyz, ryx * ixz + ryy * iyz + ryz * izz
-        az, bz, cz = rzx * ixx + rzy * ixy + rzz * ixz, rzx * ixy + rzy * iyy + rzz * iyz, rzx * ixz + rzy * iyz + rzz * izz
+        ax, bx, cx = (
+            rxx * ixx + rxy * ixy + rxz * ixz,
+            rxx * ixy + rxy * iyy + rxz * iyz,
+            rxx * ixz + rxy * iyz + rxz * izz,
+        )
+        ay, by, cy = (
+            ryx * ixx + ryy * ixy + ryz * ixz,
+            ryx * ixy + ryy * iyy + ryz * iyz,
+            ryx * ixz + ryy * iyz + ryz * izz,
+        )
+        az, bz, cz = (
+            rzx * ixx + rzy * ixy + rzz * ixz,
+            rzx * ixy + rzy * iyy + rzz * iyz,
+            rzx * ixz + rzy * iyz + rzz * izz,
+        )
         kx, ky, kz = 2.0 * gx + m * ox, 2.0 * gy + m * oy, 2.0 * gz + m * oz
         bodies[i, 0] = m
         bodies[i, 1], bodies[i, 2], bodies[i, 3] = gx + m * ox, gy + m * oy, gz + m * oz
@@ -201,7 +227,12 @@ def mass_matrix_into(packed, q, out):
                 bodies[j, k] += bodies[j + 1, k]
         m, hx, hy, hz = bodies[j, 0], bodies[j, 1], bodies[j, 2], bodies[j, 3]
         ixx, ixy, ixz, iyy, iyz, izz = (
-            bodies[j, 4], bodies[j, 5], bodies[j, 6], bodies[j, 7], bodies[j, 8], bodies[j, 9]
+            bodies[j, 4],
+            bodies[j, 5],
+            bodies[j, 6],
+            bodies[j, 7],
+            bodies[j, 8],
+            bodies[j, 9],
         )
         zx, zy, zz, vx, vy, vz = axes[j, 0], axes[j, 1], axes[j, 2], axes[j, 3], axes[j, 4], axes[j, 5]
         fx, fy, fz = m * vx + zy * hz - zz * hy, m * vy + zz * hx - zx * hz, m * vz + zx * hy - zy * hx
@@ -210,8 +241,12 @@ def mass_matrix_into(packed, q, out):
         nz = ixz * zx + iyz * zy + izz * zz + hx * vy - hy * vx
         for i in range(j + 1):
             out[i, j] = out[j, i] = (
-                axes[i, 0] * nx + axes[i, 1] * ny + axes[i, 2] * nz
-                + axes[i, 3] * fx + axes[i, 4] * fy + axes[i, 5] * fz
+                axes[i, 0] * nx
+                + axes[i, 1] * ny
+                + axes[i, 2] * nz
+                + axes[i, 3] * fx
+                + axes[i, 4] * fy
+                + axes[i, 5] * fz
             )
         out[j, j] += links[j, 14]
 
@@ -233,8 +268,9 @@ def gravity_into(packed, q, out):
 def coriolis_into(packed, q, qd, out):
     """C(q, qd) of one sample into out (6, 6), the one of the Christoffel symbols (thesis equations 2.65, 2.66).
 
-    b(qd) = C qd is quadratic in qd with the symmetric coefficients c_ijk, so column j is half its derivative by qd_j and
-    the central difference (b(qd + h e_j) - b(qd - h e_j)) / 4h is that exactly, whatever h. h = |qd| keeps rounding even.
+    b(qd) = C qd is quadratic in qd with the symmetric coefficients c_ijk, so column j is half its derivative by qd_j
+    and the central difference (b(qd + h e_j) - b(qd - h e_j)) / 4h is that exactly, whatever h. h = |qd| keeps the
+    rounding even.
     """
     trig = _trig(q)
     still = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

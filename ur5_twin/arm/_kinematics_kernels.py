@@ -65,9 +65,9 @@ def jacobian_into(frames, link, point, out):
 def jacobian_dot_into(J, qd, link, out):
     """Time derivative of a geometric Jacobian of one sample into out (6, 6).
 
-    Column i of J is [z_i x r_i; z_i] with r_i from the joint to the point. z_i turns with the links before it and r_i
-    with all of them, so z_i' = w_i x z_i and r_i' = sum over k of z_k x r_max(i, k), which the columns of J already hold:
-    for k < i, (z_k x z_i) x r_i + z_i x (z_k x r_i) = z_k x (z_i x r_i); for k >= i, z_i x (z_k x r_k).
+    Column i of J is [z_i x r_i; z_i] with r_i from the joint to the point. Joint k before i turns both, and
+    (z_k x z_i) x r_i + z_i x (z_k x r_i) = z_k x (z_i x r_i). Joint k from i on only moves the point, by z_k x r_k,
+    and leaves z_i x (z_k x r_k). The columns of J already hold those products.
     """
     out[:, :] = 0.0
     for i in range(link):

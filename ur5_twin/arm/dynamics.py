@@ -1,9 +1,9 @@
 """Rigid-body dynamics M(q) qdd + C(q, qd) qd + g(q) = tau of an arm model (thesis section 2.2.5).
 
-One implementation, the recursive Newton-Euler algorithm compiled by numba, serves one sample (6,), a log (n, 6) and many
-cells (n_cells, n, 6). tau is the torque at the joint: motor minus friction plus J' F of a contact. The rotors' reflected
-inertia stands on the diagonal of M. Code that is compiled itself calls the one-sample kernels re-exported here with
-``Dynamics.packed``::
+One implementation, the recursive Newton-Euler algorithm compiled by numba, serves one sample (6,), a log (n, 6) and
+many cells (n_cells, n, 6). tau is the torque at the joint: motor minus friction plus J' F of a contact. The rotors'
+reflected inertia stands on the diagonal of M. Code that is compiled itself calls the one-sample kernels re-exported
+here with ``Dynamics.packed``::
 
     @njit
     def step(packed, q, qd, a, tau):
@@ -52,9 +52,10 @@ class Dynamics:
     Attributes:
         model: the model it was made from, its tool included.
         packed: the same numbers for the compiled one-sample kernels ``rnea_into(packed, q, qd, qdd, out)``,
-            ``mass_matrix_into(packed, q, out)``, ``coriolis_into(packed, q, qd, out)``, ``bias_into(packed, q, qd, out)``,
-            ``gravity_into(packed, q, out)`` and ``forward_into(packed, q, qd, tau, out)``, which allocate nothing that
-            their caller sees and write a contiguous float64 ``out``.
+            ``bias_into(packed, q, qd, out)``, ``gravity_into(packed, q, out)``, ``mass_matrix_into(packed, q, out)``,
+            ``coriolis_into(packed, q, qd, out)`` and ``forward_into(packed, q, qd, tau, out)``. Their arrays are
+            contiguous float64, (6,) or (6, 6), and ``out`` is none of the inputs. numba's cache does not see a change
+            in another file: delete the cache of your own compiled callers after editing the kernels.
     """
 
     def __init__(self, model: ArmModel) -> None:
@@ -66,7 +67,7 @@ class Dynamics:
         return self._matrix(kernels.mass_matrix_rows, q)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
-        """C(q, qd) (..., 6, 6), Nm s/rad, of the Christoffel symbols, so that M' - 2C is skew (equations 2.65, 2.66)."""
+        """C(q, qd) (..., 6, 6), Nm s/rad, of the Christoffel symbols, M' - 2C is skew (equations 2.65, 2.66)."""
         return self._matrix(kernels.coriolis_rows, q, qd)
 
     def gravity(self, q: ArrayLike) -> np.ndarray:
@@ -92,9 +93,9 @@ class Dynamics:
 
     def potential_energy(self, q: ArrayLike) -> np.ndarray:
         """P = sum of m g z (...), J, heights above the base's origin (thesis equation 2.63)."""
-        rows, lead = joint_rows(q)
-        out = np.empty(rows[0].shape[0])
-        kernels.potential_rows(self.packed, *rows, out)
+        (rows,), lead = joint_rows(q)
+        out = np.empty(rows.shape[0])
+        kernels.potential_rows(self.packed, rows, out)
         return out.reshape(lead)
 
     def _vector(self, kernel: Callable[..., None], *inputs: ArrayLike) -> np.ndarray:

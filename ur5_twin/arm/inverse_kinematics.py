@@ -39,8 +39,8 @@ class Solutions:
     q: np.ndarray
     valid: np.ndarray
 
-    #: (shoulder, wrist, elbow) of each branch: shoulder "left" where o_5 lies on the positive side of the plane through
-    #: joint 1's axis and joint 2's (``singularities.shoulder_distance`` > 0), wrist the sign of sin q5, elbow of sin q3.
+    #: (shoulder, wrist, elbow) of each branch: shoulder "left" where o_5 lies ahead of joint 1's axis
+    #: (``singularities.shoulder_distance`` > 0), wrist the sign of sin q5, elbow that of sin q3.
     branches = BRANCHES
 
 
@@ -151,9 +151,7 @@ def _clipped(x: np.ndarray) -> np.ndarray:
     return np.where(np.abs(x) <= 1.0 + _REACH_TOLERANCE, np.clip(x, -1.0, 1.0), np.nan)
 
 
-def _turn_into_reach(
-    x: np.ndarray, y: np.ndarray, z4_angle: np.ndarray, d5: float, a2: float, a3: float
-) -> np.ndarray:
+def _turn_into_reach(x: np.ndarray, y: np.ndarray, z4_angle: np.ndarray, d5: float, a2: float, a3: float) -> np.ndarray:
     """Smallest turn of z_4 in the arm's plane that brings o_3 = o_5 - d5 z_4 within reach of links 2 and 3.
 
     Args:

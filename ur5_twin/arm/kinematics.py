@@ -1,8 +1,8 @@
 """Forward and differential kinematics of the arm (thesis sections 2.2.2, 2.2.3 and 5.3).
 
-Every function takes an ``ArmModel`` or its ``DenavitHartenberg`` parameters and joint arrays (..., 6), one sample, a log
-or many cells, and keeps the leading axes. B is the base (DH frame 0), F the flange (DH frame 6); everything is in base
-axes, SI units and rad. A tool does not move F.
+Every function takes an ``ArmModel`` or its ``DenavitHartenberg`` parameters and joint arrays (..., 6), be it one
+sample, a log or many cells, and keeps the leading axes. B is the base (DH frame 0), F the flange (DH frame 6);
+everything is in base axes, SI units and rad. A tool does not move F.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def forward(arm: Arm, q: ArrayLike) -> np.ndarray:
 
 
 def link_frames(arm: Arm, q: ArrayLike) -> np.ndarray:
-    """Poses (..., 7, 4, 4) of DH frames 0 to 6 in the base (thesis equations 2.17, 2.19); frame i is fixed to link i."""
+    """Poses (..., 7, 4, 4) of DH frames 0 to 6 in the base (thesis equations 2.17, 2.19); frame i sits on link i."""
     (rows,), lead = joint_rows(q)
     out = np.empty((rows.shape[0], 7, 4, 4))
     kernels.frames_rows(pack_dh(arm), rows, out)

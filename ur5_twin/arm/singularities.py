@@ -59,8 +59,8 @@ def manipulability(arm: Arm, q: ArrayLike) -> np.ndarray:
 def smallest_singular_value(arm: Arm, q: ArrayLike, length: float = 1.0) -> np.ndarray:
     """Smallest singular value (...) of J with its linear rows divided by ``length`` in m, so that units agree.
 
-    A unit torque vector can hide behind it at most a wrench of 1 / it (force in N x length, moment in Nm): the factor by
-    which torque errors grow in a force estimate.
+    A torque error of 1 Nm shows as a wrench error of at most 1 / it (force times length and moment, in Nm): the factor
+    by which errors grow in a force estimate.
     """
     J = jacobian(arm, q)
     J[..., :3, :] /= length

@@ -26,10 +26,10 @@ BODY_NAMES = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link",
 #: Joint positions of the keyframes, rad.
 KEYFRAMES = {
     "home": (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0),  # thesis figure 4.1, position 2: upright
-    "ready": (2.18, -2.135, -1.745, 0.276, -6.02, 0.0),  # bent, the tool in front: where the lab's pushing runs begin
+    "ready": (2.18, -2.135, -1.745, 0.276, -6.02, 0.0),  # bent: where the lab's run No9 begins
 }
 
-# MuJoCo refuses a moving body without a tensor, so a point mass gets one that is below any float noise in M.
+# kg m^2. MuJoCo refuses a moving body without a tensor, so a point mass gets one far below the smallest rotor (0.16).
 _POINT_TENSOR = 1e-12
 # Digits in the file: the tables' numbers come back to the last bit that counts, sums of them without float noise.
 _DIGITS = 15
