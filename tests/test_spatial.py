@@ -91,8 +91,7 @@ def test_rates_give_the_angular_velocity(to_rotation, rates) -> None:
 
 
 def test_the_thesis_equation_2_33_has_its_angles_exchanged() -> None:
-    # The printed B(phi) uses psi where finite differences show that phi belongs, and orders the rates phi', theta', psi'
-    # as if the rotation were Rz(psi) Ry(theta) Rz(phi).
+    # The printed B(phi) is that of Rz(psi) Ry(theta) Rz(phi), not of equation 2.2's Rz(phi) Ry(theta) Rz(psi).
     phi, rate = np.array([0.5, 0.8, -1.1]), np.array([0.3, -0.7, 1.2])
     measured = omega(
         spatial.rotation_from_zyz(phi - STEP * rate),

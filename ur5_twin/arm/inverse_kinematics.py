@@ -87,11 +87,12 @@ def solve(arm: Arm, X_BF: ArrayLike, q6_hint: ArrayLike = 0.0) -> Solutions:
     q5 = np.where(free, np.arctan2(0.0, n_F[..., 2]), wrist * np.arctan2(sin5, n_F[..., 2]))
     q6 = np.where(free, hint, np.arctan2(-wrist * n_F[..., 1], wrist * n_F[..., 0]))
     ahead = c1 * o5[..., 0] + s1 * o5[..., 1]
-    if free.any():
-        y5 = np.sin(q6)[..., None] * X[..., :3, 0] + np.cos(q6)[..., None] * X[..., :3, 1]
-        z4_angle = np.arctan2(-y5[..., 2], -c1 * y5[..., 0] - s1 * y5[..., 1])
-        turn = _turn_into_reach(ahead, o5[..., 2] - d1, z4_angle, d5, a2, a3)
-        q6 = np.where(free, q6 - np.sign(n_F[..., 2]) * turn, q6)
+    y5 = np.sin(q6)[..., None] * X[..., :3, 0] + np.cos(q6)[..., None] * X[..., :3, 1]
+    z4_angle = np.arctan2(-y5[..., 2], -c1 * y5[..., 0] - s1 * y5[..., 1])
+    turn = _turn_into_reach(ahead, o5[..., 2] - d1, z4_angle, d5, a2, a3)
+    # Near the wrist singularity q6 is only known to rounding / sin q5: it may take the turn that rounding hides.
+    allowed = free | (np.abs(turn) * sin5 < 1e-12)
+    q6 = np.where(allowed, q6 - np.sign(n_F[..., 2]) * turn, q6)
 
     # Frame 4 in the base: X_BF without joints 5 and 6. x_4 and z_4 in the plane of the arm, (cos q1, sin q1, 0) and up.
     c5, s5, c6, s6 = np.cos(q5), np.sin(q5), np.cos(q6), np.sin(q6)

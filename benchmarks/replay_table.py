@@ -1,0 +1,45 @@
+"""Servo replay of every log in a folder: mean absolute error per joint of all that the twin predicts.
+
+    python benchmarks/replay_table.py LOGS [--model NAME] [--mode servo|shadow]
+
+LOGS is a folder with one folder per movement. Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ur5_twin.arm.drive import load_drive
+from ur5_twin.arm.parameters import load_model
+from ur5_twin.control.gains import load_gains
+from ur5_twin.control.target_current import load_target_current_law
+from ur5_twin.evaluation.replay_report import summarise, table_rows
+from ur5_twin.recording import read
+from ur5_twin.twin.replay import MODES, ReplaySettings, replay
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", type=Path, help="a folder with one folder per movement")
+    parser.add_argument("--model", default="controller")
+    parser.add_argument("--mode", default="servo", choices=MODES)
+    options = parser.parse_args()
+    model = load_model(options.model)
+    settings = ReplaySettings(
+        model, model, load_gains(), load_drive(), load_target_current_law(), mode=options.mode
+    )
+    reports = []
+    for folder in sorted(options.logs.glob("Movement_*")):
+        reports.append(summarise(replay(read(folder), settings), settings))
+    for k, (label, unit, _) in enumerate(table_rows(reports[0])):
+        print(f"**{label[0].upper()}{label[1:]}, {unit}**\n")
+        print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
+        for report in reports:
+            values = table_rows(report)[k][2]
+            print(f"| {report['source']} | " + " | ".join(f"{value:.3g}" for value in values) + " |")
+        print()
+
+
+if __name__ == "__main__":
+    main()
