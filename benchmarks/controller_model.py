@@ -25,7 +25,14 @@ from ur5_twin.recording.table import Recording
 def predicted_mae(fitted: list[Recording], unseen: Recording) -> np.ndarray:
     """MAE (6,) in Nm of target_moment on a log by a model fitted to others."""
     fit = fit_rigid(fitted, load_model("c"))
-    model = replace(load_model("controller"), gravity=fit.gravity, rotor_inertia=fit.rotor_inertia)
+    controller = load_model("controller")
+    flange = replace(controller.links[5], center=np.array([0.0, 0.0, fit.link6_z]))
+    model = replace(
+        controller,
+        links=(*controller.links[:5], flange),
+        gravity=fit.gravity,
+        rotor_inertia=fit.rotor_inertia,
+    )
     robot = unseen.robot
     moment = Dynamics(model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
     return mean_absolute(robot["target_moment"], moment)
@@ -39,15 +46,16 @@ def main() -> None:
 
     fit = fit_rigid(recordings, load_model("c"))
     print(f"{len(recordings)} logs. One standard deviation of the fit behind each number.\n")
-    print(f"gravity          {fit.gravity:.5f} +- {fit.gravity_std:.5f} m/s^2")
-    print(f"share of tensors {fit.tensor_fraction:.5f} +- {fit.tensor_fraction_std:.5f}")
+    print(f"gravity          {fit.gravity:.7f} +- {fit.gravity_std:.7f} m/s^2")
+    print(f"share of tensors {fit.tensor_share:.6f} +- {fit.tensor_share_std:.6f}")
+    print(f"link 6 centre z  {fit.link6_z * 1e3:.5f} +- {fit.link6_z_std * 1e3:.5f} mm")
     rotor = zip(fit.rotor_inertia, fit.rotor_inertia_std, strict=True)
-    print("rotor inertia    " + ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in rotor) + " kg m^2\n")
-    print("MAE of target_moment in mNm, predicted by a fit on all other logs:\n")
+    print("rotor inertia    " + ", ".join(f"{value:.7f} +- {std:.7f}" for value, std in rotor) + " kg m^2\n")
+    print("MAE of target_moment in uNm, predicted by a fit on all other logs:\n")
     print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
     for k, unseen in enumerate(recordings):
-        mae = predicted_mae(recordings[:k] + recordings[k + 1 :], unseen) * 1e3
-        print(f"| {unseen.source} | " + " | ".join(f"{value:.3f}" for value in mae) + " |")
+        mae = predicted_mae(recordings[:k] + recordings[k + 1 :], unseen) * 1e6
+        print(f"| {unseen.source} | " + " | ".join(f"{value:.2f}" for value in mae) + " |")
 
     moving = [r for r in recordings if (np.abs(r.robot["target_qd"]).max(axis=0) > 0).all()]
     law = fit_target_current(moving)

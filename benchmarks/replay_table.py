@@ -26,9 +26,7 @@ def main() -> None:
     parser.add_argument("--mode", default="servo", choices=MODES)
     options = parser.parse_args()
     model = load_model(options.model)
-    settings = ReplaySettings(
-        model, model, load_gains(), load_drive(), load_target_current_law(), mode=options.mode
-    )
+    settings = ReplaySettings(model, model, load_gains(), load_drive(), load_target_current_law(), mode=options.mode)
     reports = []
     for folder in sorted(options.logs.glob("Movement_*")):
         reports.append(summarise(replay(read(folder), settings), settings))

@@ -62,10 +62,11 @@ def test_plant_has_the_links_of_model_c_and_rotors() -> None:
     assert not c.rotor_inertia.any()
 
 
-def test_controller_model_is_point_masses_at_the_same_centres() -> None:
+def test_controller_model_is_point_masses_at_the_manufacturers_centres_but_link_6() -> None:
     masses, centers, tensors = load_model("controller").bodies()
     np.testing.assert_array_equal(masses, load_model("c").bodies()[0])
-    np.testing.assert_array_equal(centers, load_model("c").bodies()[1])
+    np.testing.assert_array_equal(centers[:5], load_model("c").bodies()[1][:5])
+    np.testing.assert_array_equal(centers[5], np.zeros(3))
     assert not tensors.any()
 
 
@@ -80,8 +81,12 @@ def test_mass_centres_are_table_5_4() -> None:
         "a": [[0, 0, 0], [212.5, 0, 135], [206.25, 0, 17.5], [0, 0, -2.5], [0, 0, -2.5], [0, 0, -17.5]],
         "b": [[0, -25.61, 0], [212.5, 0, 113.36], [119.93, 0, 26.5], [0, 0, 16.34], [0, 0, 16.34], [0, 0, -17.5]],
         "c": [
-            [0, -25.61, 1.93], [212.5, 0, 113.36], [119.93, 0, 26.5],
-            [0, -1.8, 16.34], [0, 1.8, 16.34], [0, 0, -1.159],
+            [0, -25.61, 1.93],
+            [212.5, 0, 113.36],
+            [119.93, 0, 26.5],
+            [0, -1.8, 16.34],
+            [0, 1.8, 16.34],
+            [0, 0, -1.159],
         ],
     }
     for name, centers_mm in table.items():
@@ -114,7 +119,8 @@ def test_number_of_cylinders(name: str, count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "mass"), [("ati_gamma", 0.46), ("xsens_mti", 0.05), ("both", 0.51)]  # thesis sections 4.2 and 4.3
+    ("name", "mass"),
+    [("ati_gamma", 0.46), ("xsens_mti", 0.05), ("both", 0.51)],  # thesis sections 4.2 and 4.3
 )
 def test_tool_masses(name: str, mass: float) -> None:
     tool = load_tool(name)

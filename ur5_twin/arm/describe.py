@@ -49,7 +49,14 @@ def render_markdown(model: ArmModel) -> str:
 def _joints(model: ArmModel) -> Table:
     dh, limits = model.dh, model.limits
     columns = (
-        "joint", "d [mm]", "a [mm]", "alpha [rad]", "q [rad]", "qd [rad/s]", "qdd [rad/s^2]", "torque [Nm]",
+        "joint",
+        "d [mm]",
+        "a [mm]",
+        "alpha [rad]",
+        "q [rad]",
+        "qd [rad/s]",
+        "qdd [rad/s^2]",
+        "torque [Nm]",
         "rotor [kg m^2]",
     )
     numbers = np.column_stack(
@@ -76,8 +83,15 @@ def _links(model: ArmModel) -> Table:
 def _cylinders(model: ArmModel) -> Table:
     columns = ("link", "cylinder", "mass [kg]", "height [mm]", "radius [mm]", "axis", "x [mm]", "y [mm]", "z [mm]")
     rows = tuple(
-        (str(i), part.name, _number(part.mass), _number(part.height * 1e3), _number(part.radius * 1e3), part.axis,
-         *_millimetres(part.center))
+        (
+            str(i),
+            part.name,
+            _number(part.mass),
+            _number(part.height * 1e3),
+            _number(part.radius * 1e3),
+            part.axis,
+            *_millimetres(part.center),
+        )
         for i, link in enumerate(model.links, start=1)
         for part in link.cylinders
     )

@@ -75,6 +75,12 @@ class LinkSpec(Strict, frozen=True):
     cylinders: tuple[CylinderSpec, ...]
 
 
+class LinkChange(Strict, frozen=True):
+    link: Annotated[int, msgspec.Meta(ge=1, le=6)]
+    center_mm: Three
+    source: str
+
+
 class ModelFile(Strict, frozen=True):
     name: str
     title: str
@@ -84,6 +90,7 @@ class ModelFile(Strict, frozen=True):
     inertia: InertiaSpec | None = None
     links: tuple[LinkSpec, ...] = ()
     links_from: str | None = None
+    changes: tuple[LinkChange, ...] = ()
 
 
 class PartSpec(Strict, frozen=True):

@@ -195,7 +195,9 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
         raise ModelError(f"{path.name}: {len(link_specs)} links, a UR5 has {N_JOINTS}")
     point = spec.inertia is not None and spec.inertia.kind == "point"
     sources = {"inertia": f"point mass: {spec.inertia.source}"} if spec.inertia is not None and point else {}
-    links = tuple(_link(item, point=point, sources=sources) for item in link_specs)
+    links = [_link(item, point=point, sources=sources) for item in link_specs]
+    for change in spec.changes:
+        links[change.link - 1] = _moved(links[change.link - 1], change)
     dh = DenavitHartenberg(
         d=np.array(base.dh.d_mm) * 1e-3,
         a=np.array(base.dh.a_mm) * 1e-3,
@@ -215,7 +217,7 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
         source=spec.source,
         dh=dh,
         limits=limits,
-        links=links,
+        links=tuple(links),
         gravity=spec.gravity.value_m_s2,
         gravity_source=spec.gravity.source,
         rotor_inertia=np.array(spec.rotors.inertia_kg_m2),
@@ -269,6 +271,11 @@ def _link(spec: files.LinkSpec, *, point: bool, sources: Mapping[str, str]) -> L
         )
     )
     return Link(spec.mass_kg, center, tensor, cylinders, {**spec.sources, **sources})
+
+
+def _moved(link: Link, change: files.LinkChange) -> Link:
+    """The link with another mass centre; its cylinders stay where they are."""
+    return replace(link, center=np.array(change.center_mm) * 1e-3, sources={**link.sources, "center": change.source})
 
 
 def _tool(name: str, spec: files.ToolSpec, shift: np.ndarray | None = None) -> Tool:

@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ur5_twin.arm.dynamics import Dynamics
-from ur5_twin.arm.parameters import ArmModel, Link
+from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.control.target_current import driving_share
 from ur5_twin.recording.table import Recording
 
 #: Torque whose sign six decimals of a log do not tell with certainty, Nm.
 _UNLOADED = 1e-4
+#: Step of the derivative with respect to link 6's mass centre, m: the torque is quadratic in it, so central is exact.
+_DZ = 1e-3
 
 
 @dataclass(frozen=True)
@@ -26,56 +28,70 @@ class RigidFit:
 
     Attributes:
         gravity, gravity_std: m/s^2.
-        tensor_fraction, tensor_fraction_std: share of the given model's link tensors that target_moment contains.
+        tensor_share, tensor_share_std: share of the given model's link tensors that target_moment contains.
+        link6_z, link6_z_std: mass centre of link 6 along the flange's axis, m.
         rotor_inertia, rotor_inertia_std: (6,) kg m^2.
         mae: (6,) mean absolute error left on the logs of the fit, Nm.
     """
 
     gravity: float
     gravity_std: float
-    tensor_fraction: float
-    tensor_fraction_std: float
+    tensor_share: float
+    tensor_share_std: float
+    link6_z: float
+    link6_z_std: float
     rotor_inertia: np.ndarray
     rotor_inertia_std: np.ndarray
     mae: np.ndarray
 
 
 def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
-    """Gravity, share of the link tensors and rotor inertias from target_moment.
+    """Gravity, share of the link tensors, link 6's mass centre and the rotor inertias from target_moment.
 
-    target_moment = (masses' torque) + g G(q) + f (tensors' torque) + J_r qdd is linear in g, f and J_r; masses and mass
-    centres are those of ``model``. Joints are weighted by what a first fit leaves in each.
+    target_moment = (masses' torque) + g G(q) + f (tensors' torque) + z d/dz (link 6's torque) + J_r qdd is linear in g, f,
+    z and J_r near z = 0; the masses and the other mass centres are those of ``model``. Joints are weighted by what a
+    first fit leaves in each.
 
     Args:
         recordings: logs with target_q, target_qd, target_qdd and target_moment, no payload set.
-        model: masses, centres and the tensors to be scaled.
+        model: masses, centres and the tensors to be scaled; its gravity is where the derivative in z is taken.
     """
     robots = [recording.robot for recording in recordings]
     q, qd, qdd, moment = (
         np.concatenate([robot[name] for robot in robots])
         for name in ("target_q", "target_qd", "target_qdd", "target_moment")
     )
-    point = replace(model, links=tuple(_point(link) for link in model.links), rotor_inertia=np.zeros(6), gravity=0.0)
-    masses = Dynamics(point).inverse(q, qd, qdd)
-    tensors = Dynamics(replace(model, rotor_inertia=np.zeros(6), gravity=0.0)).inverse(q, qd, qdd) - masses
-    gravity = Dynamics(replace(point, gravity=1.0)).gravity(q)
-    columns = np.zeros((len(q), 6, 8))
-    columns[:, :, 0], columns[:, :, 1] = gravity, tensors
-    columns[:, range(6), range(2, 8)] = qdd
+
+    def torque(*, tensors: bool, gravity: float, z: float = 0.0) -> np.ndarray:
+        links = [link if tensors else replace(link, inertia=np.zeros((3, 3))) for link in model.links]
+        links[5] = replace(links[5], center=np.array([0.0, 0.0, z]))
+        changed = replace(model, links=tuple(links), rotor_inertia=np.zeros(6), gravity=gravity)
+        return Dynamics(changed).inverse(q, qd, qdd)
+
+    masses = torque(tensors=False, gravity=0.0)
+    columns = np.zeros((len(q), 6, 9))
+    columns[:, :, 0] = torque(tensors=False, gravity=1.0) - masses
+    columns[:, :, 1] = torque(tensors=True, gravity=0.0) - masses
+    columns[:, :, 2] = (
+        torque(tensors=False, gravity=model.gravity, z=_DZ) - torque(tensors=False, gravity=model.gravity, z=-_DZ)
+    ) / (2 * _DZ)
+    columns[:, range(6), range(3, 9)] = qdd
     left = moment - masses
-    solution = np.linalg.lstsq(columns.reshape(-1, 8), left.ravel(), rcond=None)[0]
+    solution = np.linalg.lstsq(columns.reshape(-1, 9), left.ravel(), rcond=None)[0]
     weight = 1.0 / (left - columns @ solution).std(axis=0)
-    a, b = (columns * weight[:, None]).reshape(-1, 8), (left * weight).ravel()
+    a, b = (columns * weight[:, None]).reshape(-1, 9), (left * weight).ravel()
     solution = np.linalg.lstsq(a, b, rcond=None)[0]
     residual = left - columns @ solution
     std = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * np.mean((b - a @ solution) ** 2))
     return RigidFit(
         gravity=float(solution[0]),
         gravity_std=float(std[0]),
-        tensor_fraction=float(solution[1]),
-        tensor_fraction_std=float(std[1]),
-        rotor_inertia=solution[2:],
-        rotor_inertia_std=std[2:],
+        tensor_share=float(solution[1]),
+        tensor_share_std=float(std[1]),
+        link6_z=float(solution[2]),
+        link6_z_std=float(std[2]),
+        rotor_inertia=solution[3:],
+        rotor_inertia_std=std[3:],
         mae=np.abs(residual).mean(axis=0),
     )
 
@@ -143,7 +159,3 @@ def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarra
     travel = np.array([np.abs(robot["target_qd"][:, joint]).sum() for robot in robots])
     moved = travel > 0
     return viscous[:, moved] @ travel[moved] / travel[moved].sum()
-
-
-def _point(link: Link) -> Link:
-    return replace(link, inertia=np.zeros((3, 3)))

@@ -97,9 +97,7 @@ def settle(
     index = backwards(table.time, strictly=not repeats)
     if index is not None:
         if not repair:
-            raise RecordingError(
-                f"{where}, row {rows[index]}: {backwards_message(table.time, index)}; {REPAIR_HINT}"
-            )
+            raise RecordingError(f"{where}, row {rows[index]}: {backwards_message(table.time, index)}; {REPAIR_HINT}")
         kept = longest_increasing(table.time, strictly=not repeats)
         dropped = np.setdiff1d(rows, rows[kept])
         notes.append(
@@ -148,9 +146,7 @@ def _settle_values(
     return take(Table(table.device, table.time, left, table.host_start), np.flatnonzero(keep)), rows[keep]
 
 
-def _drop_repeated_rows(
-    table: Table, where: str, rows: np.ndarray, notes: list[Note]
-) -> tuple[Table, np.ndarray]:
+def _drop_repeated_rows(table: Table, where: str, rows: np.ndarray, notes: list[Note]) -> tuple[Table, np.ndarray]:
     same = np.diff(table.time) == 0
     if not same.any():
         return table, rows
@@ -161,8 +157,11 @@ def _drop_repeated_rows(
     keep = np.flatnonzero(np.concatenate(([True], ~same)))
     gone = rows[1:][same]
     notes.append(
-        Note(where, f"{count(len(gone), 'row')} repeat the row before, stamp and values (the first is row {gone[0]}): "
-                    "dropped", True)
+        Note(
+            where,
+            f"{count(len(gone), 'row')} repeat the row before, stamp and values (the first is row {gone[0]}): dropped",
+            True,
+        )
     )
     return take(table, keep), rows[keep]
 

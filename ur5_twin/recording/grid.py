@@ -109,10 +109,12 @@ def read_grid(text: str, name: str, *, separator: str | None, names: Sequence[st
         first_row: 1-based row of the file that the text begins with.
     """
     width = len(names)
-    lines = text.rstrip("\n").split("\n")
+    lines = text.split("\n")
     cut = None
-    if not text.endswith("\n") and _is_cut_off(lines, separator, width):
+    if lines[-1].strip() and _is_cut_off(lines, separator, width):
         cut = first_row + len(lines) - 1
+        lines.pop()
+    while lines and not lines[-1].strip():
         lines.pop()
     values = _read_fast(lines, separator, width)
     if values is not None:

@@ -122,3 +122,40 @@ class Recording:
 
     def with_notes(self, notes: Iterable[Note]) -> Recording:
         return replace(self, notes=(*self.notes, *notes))
+
+    def aligned(self) -> Table:
+        """All devices' columns on the robot's clock.
+
+        The robot's columns are as they are; those of the other devices are interpolated linearly (only wrenches,
+        accelerations, rates and fields, no poses). A device's time is shifted by the offset of the host's stamps,
+        ``host_start - robot.host_start``; where one of the two is unknown the clocks are taken to start together, as
+        the reader's notes say. Of a stamp that a device repeats the last value counts. Outside a device's range its
+        columns are NaN. A column that the robot has too is the robot's.
+
+        Returns:
+            A table ``robot`` with the robot's clock and the columns of all devices.
+        """
+        robot = self.robot
+        columns = dict(robot.columns)
+        for device, table in self.tables.items():
+            if device == "robot":
+                continue
+            offset = self.offset(device) or 0.0
+            last = np.append(np.diff(table.time) > 0, True)[: len(table)]
+            time = table.time[last] + offset
+            for name, values in table.columns.items():
+                if name not in robot:
+                    columns[name] = _interpolated(robot.time, time, values[last])
+        return replace(robot, columns=columns)
+
+    def offset(self, device: str) -> float | None:
+        """Seconds to add to a device's time to get the robot's; None if the host's stamps do not tell."""
+        start, robot_start = self.tables[device].host_start, self.robot.host_start
+        return None if start is None or robot_start is None else start - robot_start
+
+
+def _interpolated(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    if not len(time):
+        return np.full((len(at), values.shape[1]), np.nan)
+    columns = [np.interp(at, time, column, left=np.nan, right=np.nan) for column in values.T]
+    return np.stack(columns, axis=1) if columns else np.empty((len(at), 0))

@@ -6,5 +6,13 @@ from ur5_twin.arm.mjcf.builder import BODY_NAMES, KEYFRAMES, build, compile, to_
 from ur5_twin.arm.mjcf.export import SHIPPED, export, write_models, xml_string
 
 __all__ = [
-    "BODY_NAMES", "KEYFRAMES", "SHIPPED", "build", "compile", "export", "to_mujoco", "write_models", "xml_string",
+    "BODY_NAMES",
+    "KEYFRAMES",
+    "SHIPPED",
+    "build",
+    "compile",
+    "export",
+    "to_mujoco",
+    "write_models",
+    "xml_string",
 ]

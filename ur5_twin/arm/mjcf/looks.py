@@ -92,8 +92,13 @@ def _motor(body: Any, name: str, motor: Motor, housing: list[Cylinder]) -> None:
     dome = [0.97 * radius] * 3
     dome[along] = 0.012
     body.add(
-        "geom", name=f"{name}_dome", dclass="trim", type="ellipsoid", material="cap",
-        size=dome, pos=at(outer + motor.cap_end * 0.006),
+        "geom",
+        name=f"{name}_dome",
+        dclass="trim",
+        type="ellipsoid",
+        material="cap",
+        size=dome,
+        pos=at(outer + motor.cap_end * 0.006),
     )
     _disc(body, f"{name}_ring", "ring", motor.axis, at(inner + motor.cap_end * 0.004), 1.006 * radius, 0.007)
 
@@ -115,6 +120,10 @@ def _disc(body: Any, name: str, material: str, axis: str, center: np.ndarray, ra
     half = np.zeros(3)
     half["xyz".index(axis)] = height / 2
     body.add(
-        "geom", name=name, dclass="trim", material=material,
-        fromto=np.concatenate([center - half, center + half]), size=[radius],
+        "geom",
+        name=name,
+        dclass="trim",
+        material=material,
+        fromto=np.concatenate([center - half, center + half]),
+        size=[radius],
     )

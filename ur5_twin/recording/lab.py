@@ -1,0 +1,414 @@
+"""The lab's folder of CSV files: one file a signal, no header, first column the seconds since the first sample.
+
+The files of a run belong together row by row; they end at different rows, and each may be cut off in its last one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ur5_twin.errors import RecordingError
+from ur5_twin.recording import checks
+from ur5_twin.recording.grid import REPAIR_HINT, Grid, read_grid, read_text
+from ur5_twin.recording.lab_layout import (
+    CSV_FOLDER,
+    FT_FILE,
+    FT_START_TIME,
+    IMU_COLUMNS,
+    IMU_FILE,
+    NEEDED,
+    NO_VALUES,
+    ROBOT_FILES,
+    START_TIME,
+    RobotFile,
+)
+from ur5_twin.recording.table import Note, Recording, Table
+
+FORMAT = "lab_csv"
+#: The controller's period, for a log too short to tell its own, s.
+_PERIOD = 0.008
+#: Below this the force sensor's file says that nothing was connected (the lab's program wrote -0.000001), N and Nm.
+_NOTHING = 1.5e-6
+#: POSIX seconds in digits: ten before the point, from the year 2001 on.
+_STAMP = re.compile(r"(\d{9,10}\.\d+?)(?=\1|\s|$)", re.ASCII)
+
+
+def read_lab_folder(folder: Path, *, repair: bool = False) -> Recording:
+    """Read a movement of the lab.
+
+    Args:
+        folder: the movement's folder or its ``csv_files``.
+        repair: drop or leave out what is broken, with a note each, instead of refusing the log.
+
+    Raises:
+        RecordingError: a file is missing or broken and ``repair`` is off, or no positions can be saved.
+    """
+    csv_folder = folder / CSV_FOLDER if (folder / CSV_FOLDER).is_dir() else folder
+    source = _movement_name(csv_folder)
+    notes: list[Note] = []
+    host_start = _host_start(csv_folder / START_TIME, source, notes)
+    tables = {"robot": _read_robot(csv_folder, source, host_start, repair, notes)}
+    ft = _read_ft(csv_folder, source, repair, notes)
+    if ft is not None:
+        tables["ft"] = ft
+        _note_on_ft_clock(ft, host_start, csv_folder, source, notes)
+    imu = _read_imu(csv_folder, source, repair, notes)
+    if imu is not None:
+        tables["imu"] = imu
+    return Recording(tables, source, FORMAT, tuple(notes))
+
+
+def _movement_name(csv_folder: Path) -> str:
+    absolute = csv_folder.resolve()
+    return absolute.parent.name if absolute.name == CSV_FOLDER else absolute.name
+
+
+# ---------------------------------------------------------------- the robot's files
+
+
+def _read_robot(
+    csv_folder: Path, source: str, host_start: float | None, repair: bool, notes: list[Note]
+) -> Table:
+    grids = _load_robot_grids(csv_folder, source, repair, notes)
+    _note_cut_rows(grids, source, notes)
+    try:
+        rows, picked = _joined_by_row(grids, source, notes)
+    except RecordingError:
+        if not repair:
+            raise
+        grids, rows, picked = _joined_by_time(grids, source, notes)
+    clock = grids[ROBOT_FILES[0].name].values[rows, 0]
+    columns = {
+        file.column: np.ascontiguousarray(grids[file.name].values[picked[file.name], 1:])
+        for file in ROBOT_FILES
+        if file.name in grids
+    }
+    table = Table("robot", clock, columns, host_start)
+    table, found = checks.settle(table, f"{source}/{ROBOT_FILES[0].name}", rows + 1, repair=repair)
+    notes.extend(found)
+    notes.extend(checks.clock_notes(table, f"{source}/robot"))
+    return table
+
+
+def _load_robot_grids(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> dict[str, Grid]:
+    missing = [file.name for file in ROBOT_FILES if not (csv_folder / file.name).is_file()]
+    lost_for_good = [name for name in missing if name in NEEDED]
+    if missing and (lost_for_good or not repair):
+        hint = (
+            f"{' and '.join(NEEDED)} cannot be done without"
+            if lost_for_good
+            else "--repair (repair=True) leaves their signals out"
+        )
+        raise RecordingError(
+            f"{source}: no {checks.listed(missing)}; the lab's layout has {len(ROBOT_FILES)} robot files; {hint}"
+        )
+    for name in missing:
+        notes.append(Note(f"{source}/{name}", "the file is missing: its signal is left out", True))
+    grids: dict[str, Grid] = {}
+    for file in ROBOT_FILES:
+        if file.name in missing:
+            continue
+        try:
+            grids[file.name] = _read_robot_file(csv_folder, source, file, lenient=repair)
+        except RecordingError as error:
+            if not repair or file.name in NEEDED:
+                raise
+            what = str(error).removeprefix(f"{source}/{file.name}").lstrip(", :")
+            notes.append(Note(f"{source}/{file.name}", f"{what}: its signal is left out", True))
+    return grids
+
+
+def _read_robot_file(csv_folder: Path, source: str, file: RobotFile, *, lenient: bool) -> Grid:
+    name = f"{source}/{file.name}"
+    text = read_text(csv_folder / file.name, name, lenient=lenient)
+    grid = read_grid(text, name, separator=",", names=("time", *_parts(file.column, file.width)))
+    if not len(grid):
+        raise RecordingError(f"{name}: no complete row; a row is time and {file.width} numbers")
+    return grid
+
+
+def _parts(column: str, width: int) -> tuple[str, ...]:
+    return tuple(f"{column}_{i}" for i in range(width))
+
+
+def _note_cut_rows(grids: Mapping[str, Grid], source: str, notes: list[Note]) -> None:
+    cut = [file for file, grid in grids.items() if grid.cut_row is not None]
+    if cut:
+        notes.append(
+            Note(
+                source,
+                f"the last row of {checks.count(len(cut), 'file')} is cut off in mid-row and left out: "
+                f"{', '.join(f'{file} row {grids[file].cut_row}' for file in cut)}",
+                True,
+            )
+        )
+
+
+def _joined_by_row(
+    grids: Mapping[str, Grid], source: str, notes: list[Note]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Rows that all files have, if every one is sound and stamped alike; otherwise the error that says which is not."""
+    faulty = [grid for grid in grids.values() if grid.faults]
+    if faulty:
+        worst = min(faulty, key=lambda grid: grid.faults[0].row)
+        raise worst.error(worst.faults[0])
+    lengths = {name: len(grid) for name, grid in grids.items()}
+    n = min(lengths.values())
+    clocks = np.stack([grid.values[:n, 0] for grid in grids.values()])
+    # The median over the files is the clock even if one file, whichever, has a row too many or too few.
+    agreed = np.median(clocks, axis=0)
+    period = float(np.median(np.diff(agreed))) if n > 1 else _PERIOD
+    apart = np.abs(clocks - agreed)
+    if period > 0 and (apart >= 0.5 * period).any():
+        row = int(np.argmax((apart >= 0.5 * period).any(axis=0)))
+        which = list(grids)[int(np.argmax(apart[:, row]))]
+        raise RecordingError(
+            f"{source}/{which}, row {row + 1}: the stamp is {grids[which].values[row, 0]:.6f} s where the other files "
+            f"have {agreed[row]:.6f} s; a row may be missing or too many; {REPAIR_HINT}"
+        )
+    most = max(lengths.values())
+    if most > n:
+        shortest, longest = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
+        notes.append(
+            Note(
+                source,
+                f"the files end at different rows, from {n:,} ({shortest}) to {most:,} ({longest}): "
+                f"all are cut to {checks.count(n, 'row')}",
+                True,
+            )
+        )
+    spread = float(np.ptp(clocks, axis=0).max())
+    if spread > 0:
+        notes.append(
+            Note(
+                source,
+                f"the files stamp the same row up to {1e6 * spread:.0f} us apart: "
+                f"the stamps of {next(iter(grids))} are taken",
+            )
+        )
+    rows = np.arange(n)
+    return rows, dict.fromkeys(grids, rows)
+
+
+def _joined_by_time(
+    grids: Mapping[str, Grid], source: str, notes: list[Note]
+) -> tuple[dict[str, Grid], np.ndarray, dict[str, np.ndarray]]:
+    """The repair: rows are matched by their stamps, and those that a file lacks or has broken go from all of them."""
+    sound: dict[str, np.ndarray] = {}
+    for name, grid in grids.items():
+        readable = np.flatnonzero(grid.sound())
+        sound[name] = readable[checks.longest_increasing(grid.values[readable, 0], strictly=True)]
+    clock_name = ROBOT_FILES[0].name
+    rows = sound[clock_name]
+    if len(rows) * (1 - checks.MOST_ROWS) < 0 or not len(rows):
+        raise RecordingError(f"{source}/{clock_name}: no sound row; without positions there is nothing to repair")
+    clock = grids[clock_name].values[rows, 0]
+    period = float(np.median(np.diff(clock))) if len(clock) > 1 else _PERIOD
+    partners: dict[str, np.ndarray] = {}
+    for name, grid in grids.items():
+        partner = _nearest(clock, grid.values[sound[name], 0], 0.5 * period)
+        partners[name] = np.where(partner >= 0, sound[name][partner], -1) if len(sound[name]) else partner
+    # Rows past the end of a file are no fault: the shortest sound file ends the run, as it does without a repair.
+    end = min((int(np.flatnonzero(p >= 0).max()) + 1 for p in partners.values() if (p >= 0).any()), default=0)
+    kept = dict(grids)
+    for name, partner in partners.items():
+        if np.mean(partner[:end] < 0) > checks.MOST_ROWS or not end:
+            if name in NEEDED:
+                raise RecordingError(
+                    f"{source}/{name}: most rows are broken or stamped otherwise than {clock_name}; "
+                    "without positions there is nothing to repair"
+                )
+            notes.append(Note(f"{source}/{name}", "most rows are broken: its signal is left out", True))
+            del kept[name]
+    whole = np.ones(end, dtype=bool)
+    for name in kept:
+        whole &= partners[name][:end] >= 0
+    _note_repair(grids, kept, rows, whole, source, notes)
+    index = np.flatnonzero(whole)
+    if not len(index):
+        raise RecordingError(f"{source}: no row is sound in every file; there is nothing to repair")
+    return kept, rows[index], {name: partners[name][index] for name in kept}
+
+
+def _note_repair(
+    grids: Mapping[str, Grid],
+    kept: Mapping[str, Grid],
+    rows: np.ndarray,
+    whole: np.ndarray,
+    source: str,
+    notes: list[Note],
+) -> None:
+    for name in kept:
+        grid = grids[name]
+        if grid.faults:
+            bad = len({fault.row for fault in grid.faults})
+            first = grid.faults[0]
+            notes.append(
+                Note(
+                    f"{source}/{name}",
+                    f"{checks.count(bad, 'row')} unreadable, the first is row {first.row} ({first.what})",
+                    True,
+                )
+            )
+    lost = int(np.sum(~whole))
+    before = max(len(grid) for grid in kept.values())
+    first = f", the first is row {rows[int(np.argmin(whole))] + 1}" if lost else ""
+    notes.append(
+        Note(
+            source,
+            f"rows matched by their stamps: {checks.count(int(whole.sum()), 'row')} of up to {before:,} kept; "
+            f"{lost:,} broken or missing in a file and left out of all{first}",
+            True,
+        )
+    )
+
+
+def _nearest(clock: np.ndarray, stamps: np.ndarray, tolerance: float) -> np.ndarray:
+    """For each row of a clock, the index of the nearest of some increasing stamps; -1 if none is within tolerance."""
+    if not len(stamps):
+        return np.full(len(clock), -1)
+    right = np.clip(np.searchsorted(stamps, clock), 0, len(stamps) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(stamps[left] - clock) <= np.abs(stamps[right] - clock), left, right)
+    return np.where(np.abs(stamps[nearest] - clock) < tolerance, nearest, -1)
+
+
+# ---------------------------------------------------------------- the sensors' files
+
+
+def _read_ft(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> Table | None:
+    name = f"{source}/{FT_FILE}"
+    if not (csv_folder / FT_FILE).is_file():
+        notes.append(Note(source, f"no {FT_FILE}: no force sensor in this run"))
+        return None
+    found = _read_sensor(csv_folder / FT_FILE, name, _parts("ft_wrench", 6), repair, notes)
+    if found is None:
+        return None
+    values, rows = found
+    if np.abs(values[:, 1:]).max() <= _NOTHING:
+        notes.append(
+            Note(
+                name,
+                f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected, "
+                "no ft table",
+            )
+        )
+        return None
+    host_start = _host_start(csv_folder / FT_START_TIME, source, notes)
+    table = Table("ft", values[:, 0].copy(), {"ft_wrench": np.ascontiguousarray(values[:, 1:])}, host_start)
+    table, found_notes = checks.settle(table, name, rows, repair=repair, repeats=True)
+    notes.extend(found_notes)
+    notes.extend(checks.sensor_notes(table, name, column="ft_wrench"))
+    return table
+
+
+def _read_imu(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> Table | None:
+    name = f"{source}/{IMU_FILE}"
+    if not (csv_folder / IMU_FILE).is_file():
+        notes.append(Note(source, f"no {IMU_FILE}: no accelerometer in this run"))
+        return None
+    fields = tuple(part for column in IMU_COLUMNS for part in _parts(column, 3))
+    found = _read_sensor(csv_folder / IMU_FILE, name, fields, repair, notes)
+    if found is None:
+        return None
+    values, rows = found
+    columns = {
+        column: np.ascontiguousarray(values[:, 1 + 3 * i : 4 + 3 * i]) for i, column in enumerate(IMU_COLUMNS)
+    }
+    # The device writes whole milliseconds.
+    table, found_notes = checks.settle(
+        Table("imu", values[:, 0] / 1000.0, columns), name, rows, repair=repair, repeats=True
+    )
+    notes.extend(found_notes)
+    notes.extend(checks.sensor_notes(table, name))
+    notes.append(
+        Note(
+            name,
+            "its start is known only on a counter of the device: aligned() takes its time 0 for the robot's time 0",
+        )
+    )
+    return table
+
+
+def _read_sensor(
+    path: Path, name: str, fields: Sequence[str], repair: bool, notes: list[Note]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rows of a sensor's file and their 1-based numbers; None, with a note, if there is no sensor in it."""
+    try:
+        text = read_text(path, name, lenient=repair)
+        lines = text.split("\n")
+        silent = sum(line.strip() == NO_VALUES for line in lines)
+        if silent and silent == sum(bool(line.strip()) for line in lines):
+            notes.append(
+                Note(name, f"all {checks.count(silent, 'row')} read '{NO_VALUES}': no sensor was connected, no ft table")
+            )
+            return None
+        grid = read_grid(text, name, separator=",", names=("time", *fields))
+        if grid.cut_row is not None:
+            notes.append(Note(name, f"the last row ({grid.cut_row}) is cut off in mid-row and left out", True))
+        if grid.faults and not repair:
+            raise grid.error(grid.faults[0])
+        keep = np.flatnonzero(grid.sound())
+        if not len(keep):
+            raise RecordingError(f"{name}: no complete row; a row is time and {len(fields)} numbers")
+    except RecordingError as error:
+        if not repair:
+            raise
+        notes.append(Note(name, f"{str(error).removeprefix(name).lstrip(', :')}: the sensor is left out", True))
+        return None
+    if grid.faults:
+        first = grid.faults[0]
+        notes.append(
+            Note(
+                name,
+                f"{checks.count(len(grid) - len(keep), 'row')} unreadable and left out, the first is row {first.row} "
+                f"({first.what})",
+                True,
+            )
+        )
+    return grid.values[keep], keep + 1
+
+
+# ---------------------------------------------------------------- host clocks
+
+
+def _host_start(path: Path, source: str, notes: list[Note]) -> float | None:
+    """POSIX time of the host at the device's time 0: the first stamp of a start time file.
+
+    The lab's robot files repeat it in every row; in No3 without anything between two stamps.
+    """
+    where = f"{source}/{path.name}"
+    if not path.is_file():
+        notes.append(Note(source, f"no {path.name}: the host time of this device's start is unknown"))
+        return None
+    try:
+        text = path.read_bytes()[:4096].decode("ascii").lstrip()
+    except (OSError, UnicodeDecodeError):
+        text = ""
+    stamp = _STAMP.match(text)
+    if stamp is None:
+        notes.append(Note(where, "no POSIX time in it: the host time of this device's start is unknown"))
+        return None
+    if stamp.end() < len(text) and not text[stamp.end()].isspace():
+        notes.append(Note(where, "its stamps stand without anything between them; the first is taken"))
+    return float(stamp[1])
+
+
+def _note_on_ft_clock(
+    ft: Table, robot_start: float | None, csv_folder: Path, source: str, notes: list[Note]
+) -> None:
+    where = f"{source}/{FT_FILE}"
+    if ft.host_start is None or robot_start is None:
+        notes.append(Note(where, "the offset between the two clocks is unknown: aligned() takes it for 0"))
+        return
+    notes.append(
+        Note(
+            where,
+            f"its clock starts {1e3 * (ft.host_start - robot_start):+.1f} ms after the robot's by the host's stamps "
+            f"({START_TIME} has them to 10 ms)",
+        )
+    )
