@@ -14,7 +14,7 @@ from ur5_twin.arm.drive import load_drive
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
-from ur5_twin.evaluation.replay_report import summarise, table_rows
+from ur5_twin.evaluation.replay_report import short_number, summarise, table_rows
 from ur5_twin.recording import read
 from ur5_twin.twin.replay import MODES, ReplaySettings, replay
 
@@ -35,7 +35,7 @@ def main() -> None:
         print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
         for report in reports:
             values = table_rows(report)[k][2]
-            print(f"| {report['source']} | " + " | ".join(f"{value:.3g}" for value in values) + " |")
+            print(f"| {report['source']} | " + " | ".join(map(short_number, values)) + " |")
         print()
 
 

@@ -293,23 +293,27 @@ def _write(
 
 
 def _summary(report: dict[str, Any], folder: Path) -> None:
+    from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
 
-    from ur5_twin.arm.parameters import JOINT_NAMES
-    from ur5_twin.evaluation.replay_report import table_rows
+    from ur5_twin.arm.parameters import N_JOINTS
+    from ur5_twin.evaluation.replay_report import short_number, table_rows
 
-    table = Table(
-        title=f"{report['source']}: {report['mode']} replay, model {report['model']}, mean absolute error",
-        title_justify="left",
-    )
-    table.add_column("signal")
+    table = Table(box=SIMPLE)
+    table.add_column("mean absolute error of")
     table.add_column("unit")
-    for joint in JOINT_NAMES:
-        table.add_column(joint, justify="right")
+    for joint in range(1, N_JOINTS + 1):
+        table.add_column(f"joint {joint}", justify="right", no_wrap=True)
     for label, unit, values in table_rows(report):
-        table.add_row(label, unit, *(f"{value:.3g}" for value in values))
+        table.add_row(label, unit, *map(short_number, values))
     console = Console()
+    console.print(
+        f"{report['source']}: {report['mode']} replay with model {report['model']}, gains {report['gains']}, "
+        f"{report['samples']:,} samples in {report['duration_s']:.1f} s",
+        highlight=False,
+        markup=False,
+    )
     console.print(table)
     for item in (*report["notes"], *report["repairs"]):
         console.print(f"- {item['where']}: {item['what']}", highlight=False, markup=False)

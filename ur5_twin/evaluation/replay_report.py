@@ -119,8 +119,13 @@ def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
             rows.append((item.label, item.shown_unit, [value * item.scale for value in values]))
     own = report.get("actual_current", {}).get("controller_mae_a")
     if own is not None:
-        rows.append(("the controller's own target current, for comparison", "A", own))
+        rows.append(("... by the log's target_current", "A", own))
     return rows
+
+
+def short_number(value: float) -> str:
+    """Three digits of a number that is not negative, for a table; what is too small to matter is shown as such."""
+    return "0" if value == 0 else "<0.0001" if value < 1e-4 else f"{value:#.3g}".rstrip(".")
 
 
 def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
@@ -138,7 +143,7 @@ def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
         "|---|---|" + "---:|" * len(JOINT_NAMES),
     ]
     lines += [
-        f"| {label} | {unit} | " + " | ".join(f"{value:.4g}" for value in values) + " |"
+        f"| {label} | {unit} | " + " | ".join(map(short_number, values)) + " |"
         for label, unit, values in table_rows(report)
     ]
     for title, key, none in (

@@ -1,4 +1,4 @@
-"""Checks and repairs that all formats share: clocks that run backwards, rows that repeat, values that are not finite."""
+"""Checks and repairs that all formats share: clocks that run backwards, rows that repeat, values without a number."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ PREDICTED_PREFIXES = ("sim_", "truth_", "est_")
 MOST_ROWS = 0.5
 #: A step of the clock longer than this many median periods is a gap.
 _GAP = 1.5
+#: A stamp beyond this is no time in seconds.
+_LONGEST = 1e11
 #: Steps that stray from the median by less than this share of it are not worth a word.
 _JITTER = 0.01
 
@@ -124,15 +126,16 @@ def _settle_values(
 ) -> tuple[Table, np.ndarray]:
     measured = {name: v for name, v in table.columns.items() if not name.startswith(PREDICTED_PREFIXES)}
     sound = {name: np.isfinite(values).all(axis=1) for name, values in measured.items()}
-    sound["time"] = np.isfinite(table.time)
+    # NaN compares as false; no clock, whatever it counts from, reads thousands of years in seconds.
+    sound["time"] = np.abs(table.time) < _LONGEST
     broken = {name: ok for name, ok in sound.items() if not ok.all()}
     if not broken:
         return table, rows
     if not repair:
         first = min(broken, key=lambda name: int(np.argmin(broken[name])))
-        raise RecordingError(
-            f"{where}, row {rows[int(np.argmin(broken[first]))]}: {first} is not a finite number; {REPAIR_HINT}"
-        )
+        kind = "time in seconds" if first == "time" else "number"
+        row = rows[int(np.argmin(broken[first]))]
+        raise RecordingError(f"{where}, row {row}: {first} is no finite {kind}; {REPAIR_HINT}")
     lost = [name for name, ok in broken.items() if name != "time" and np.mean(~ok) > MOST_ROWS]
     if lost:
         notes.append(Note(where, f"{listed(lost)} not finite in most rows: left out", True))

@@ -1,4 +1,4 @@
-"""Rows of numbers in a text file: read fast where the file is sound, and slowly, to say what is wrong, where it is not."""
+"""Rows of numbers in a text file: read fast where the file is sound, and slowly, to say what is wrong, where not."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Grid:
     def sound(self, fields: Sequence[int] | None = None) -> np.ndarray:
         """(n,) which rows have no fault, looking only at some fields if they are given."""
         values = self.values if fields is None else self.values[:, fields]
-        return np.isfinite(values).all(axis=1)
+        return np.asarray(np.isfinite(values).all(axis=1))
 
 
 def read_text(path: Path, name: str, *, lenient: bool = False) -> str:

@@ -55,7 +55,7 @@ def read_lab_folder(folder: Path, *, repair: bool = False) -> Recording:
     ft = _read_ft(csv_folder, source, repair, notes)
     if ft is not None:
         tables["ft"] = ft
-        _note_on_ft_clock(ft, host_start, csv_folder, source, notes)
+        _note_on_ft_clock(ft, host_start, source, notes)
     imu = _read_imu(csv_folder, source, repair, notes)
     if imu is not None:
         tables["imu"] = imu
@@ -70,9 +70,7 @@ def _movement_name(csv_folder: Path) -> str:
 # ---------------------------------------------------------------- the robot's files
 
 
-def _read_robot(
-    csv_folder: Path, source: str, host_start: float | None, repair: bool, notes: list[Note]
-) -> Table:
+def _read_robot(csv_folder: Path, source: str, host_start: float | None, repair: bool, notes: list[Note]) -> Table:
     grids = _load_robot_grids(csv_folder, source, repair, notes)
     _note_cut_rows(grids, source, notes)
     try:
@@ -163,8 +161,9 @@ def _joined_by_row(
     agreed = np.median(clocks, axis=0)
     period = float(np.median(np.diff(agreed))) if n > 1 else _PERIOD
     apart = np.abs(clocks - agreed)
-    if period > 0 and (apart >= 0.5 * period).any():
-        row = int(np.argmax((apart >= 0.5 * period).any(axis=0)))
+    disagree = apart >= 0.5 * (period if period > 0 else _PERIOD)
+    if disagree.any():
+        row = int(np.argmax(disagree.any(axis=0)))
         which = list(grids)[int(np.argmax(apart[:, row]))]
         raise RecordingError(
             f"{source}/{which}, row {row + 1}: the stamp is {grids[which].values[row, 0]:.6f} s where the other files "
@@ -204,7 +203,7 @@ def _joined_by_time(
         sound[name] = readable[checks.longest_increasing(grid.values[readable, 0], strictly=True)]
     clock_name = ROBOT_FILES[0].name
     rows = sound[clock_name]
-    if len(rows) * (1 - checks.MOST_ROWS) < 0 or not len(rows):
+    if not len(rows):
         raise RecordingError(f"{source}/{clock_name}: no sound row; without positions there is nothing to repair")
     clock = grids[clock_name].values[rows, 0]
     period = float(np.median(np.diff(clock))) if len(clock) > 1 else _PERIOD
@@ -212,11 +211,11 @@ def _joined_by_time(
     for name, grid in grids.items():
         partner = _nearest(clock, grid.values[sound[name], 0], 0.5 * period)
         partners[name] = np.where(partner >= 0, sound[name][partner], -1) if len(sound[name]) else partner
-    # Rows past the end of a file are no fault: the shortest sound file ends the run, as it does without a repair.
-    end = min((int(np.flatnonzero(p >= 0).max()) + 1 for p in partners.values() if (p >= 0).any()), default=0)
+    # Rows past the end of a file are no fault: the shortest file ends the run, as it does without a repair.
+    end = int(np.searchsorted(clock, min(map(_last_stamp, grids.values())) + 0.5 * period))
     kept = dict(grids)
     for name, partner in partners.items():
-        if np.mean(partner[:end] < 0) > checks.MOST_ROWS or not end:
+        if not end or np.mean(partner[:end] < 0) > checks.MOST_ROWS:
             if name in NEEDED:
                 raise RecordingError(
                     f"{source}/{name}: most rows are broken or stamped otherwise than {clock_name}; "
@@ -265,6 +264,12 @@ def _note_repair(
             True,
         )
     )
+
+
+def _last_stamp(grid: Grid) -> float:
+    """Where a file ends, s; never, if it has no stamps: it is broken, not short."""
+    stamps = grid.values[np.isfinite(grid.values[:, 0]), 0]
+    return float(stamps[checks.longest_increasing(stamps, strictly=True)][-1]) if len(stamps) else np.inf
 
 
 def _nearest(clock: np.ndarray, stamps: np.ndarray, tolerance: float) -> np.ndarray:
@@ -316,9 +321,7 @@ def _read_imu(csv_folder: Path, source: str, repair: bool, notes: list[Note]) ->
     if found is None:
         return None
     values, rows = found
-    columns = {
-        column: np.ascontiguousarray(values[:, 1 + 3 * i : 4 + 3 * i]) for i, column in enumerate(IMU_COLUMNS)
-    }
+    columns = {column: np.ascontiguousarray(values[:, 1 + 3 * i : 4 + 3 * i]) for i, column in enumerate(IMU_COLUMNS)}
     # The device writes whole milliseconds.
     table, found_notes = checks.settle(
         Table("imu", values[:, 0] / 1000.0, columns), name, rows, repair=repair, repeats=True
@@ -344,7 +347,9 @@ def _read_sensor(
         silent = sum(line.strip() == NO_VALUES for line in lines)
         if silent and silent == sum(bool(line.strip()) for line in lines):
             notes.append(
-                Note(name, f"all {checks.count(silent, 'row')} read '{NO_VALUES}': no sensor was connected, no ft table")
+                Note(
+                    name, f"all {checks.count(silent, 'row')} read '{NO_VALUES}': no sensor was connected, no ft table"
+                )
             )
             return None
         grid = read_grid(text, name, separator=",", names=("time", *fields))
@@ -398,17 +403,17 @@ def _host_start(path: Path, source: str, notes: list[Note]) -> float | None:
     return float(stamp[1])
 
 
-def _note_on_ft_clock(
-    ft: Table, robot_start: float | None, csv_folder: Path, source: str, notes: list[Note]
-) -> None:
+def _note_on_ft_clock(ft: Table, robot_start: float | None, source: str, notes: list[Note]) -> None:
     where = f"{source}/{FT_FILE}"
     if ft.host_start is None or robot_start is None:
         notes.append(Note(where, "the offset between the two clocks is unknown: aligned() takes it for 0"))
         return
+    offset = ft.host_start - robot_start
+    rounded = f"; {START_TIME} is rounded to 10 ms" if robot_start == round(robot_start, 2) else ""
     notes.append(
         Note(
             where,
-            f"its clock starts {1e3 * (ft.host_start - robot_start):+.1f} ms after the robot's by the host's stamps "
-            f"({START_TIME} has them to 10 ms)",
+            f"by the host's stamps its clock starts {1e3 * abs(offset):.1f} ms {'after' if offset >= 0 else 'before'} "
+            f"the robot's{rounded}",
         )
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -42,7 +41,7 @@ def write_lab_csv(recording: Recording, folder: Path | str) -> Path:
         RecordingError: a signal is missing or not finite, two stamps are less than 1 us apart, the folder holds
             something else, or it cannot be written.
     """
-    folder = Path(folder)
+    folder = Path(folder).absolute()
     _check_signals(recording)
     _check_target(folder)
     try:
@@ -69,8 +68,14 @@ def _check_signals(recording: Recording) -> None:
         )
     imu = recording.tables.get("imu")
     if imu is not None and any(column not in imu for column in IMU_COLUMNS):
-        raise RecordingError(f"{recording.source}: the lab's layout needs all of {', '.join(IMU_COLUMNS)} in the imu table")
-    wanted = {"robot": {f.column: f.width for f in ROBOT_FILES}, "ft": {"ft_wrench": 6}, "imu": dict.fromkeys(IMU_COLUMNS, 3)}
+        raise RecordingError(
+            f"{recording.source}: the lab's layout needs all of {', '.join(IMU_COLUMNS)} in the imu table"
+        )
+    wanted = {
+        "robot": {file.column: file.width for file in ROBOT_FILES},
+        "ft": {"ft_wrench": 6},
+        "imu": dict.fromkeys(IMU_COLUMNS, 3),
+    }
     for device, widths in wanted.items():
         table = recording.tables.get(device)
         if table is not None:
@@ -86,7 +91,9 @@ def _check_table(source: str, table: Table, widths: dict[str, int]) -> None:
             raise RecordingError(f"{source}: {column} is {values.shape[1]} wide, the lab's layout has {width}")
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values).all(axis=1)))
-            raise RecordingError(f"{source}: {column} is not finite in row {row + 1}; the lab's layout holds numbers only")
+            raise RecordingError(
+                f"{source}: {column} is not finite in row {row + 1}; the lab's layout holds numbers only"
+            )
     steps = np.diff(np.round(table.time, 6))
     if not np.isfinite(table.time).all() or (steps <= 0 if table.device == "robot" else steps < 0).any():
         raise RecordingError(f"{source}: the {table.device} clock does not increase by whole microseconds")

@@ -1,0 +1,185 @@
+"""The command line as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ur5_twin import cli
+from ur5_twin.recording import read
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """Call the command line in an empty folder; gives exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["ur5-twin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capsys.readouterr()
+        assert isinstance(stopped.value.code, int)
+        return stopped.value.code, captured.out, captured.err
+
+    return call
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = "import sys, ur5_twin.cli; print([m for m in sys.modules if m.split('.')[0] in sys.argv[1:]])"
+    heavy = ["numpy", "mujoco", "dm_control", "numba", "polars", "matplotlib", "rerun", "scipy"]
+    done = subprocess.run([sys.executable, "-c", code, *heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", [[], ["replay"], ["model"], ["fetch"]])
+def test_every_command_has_help(run: Run, command: list[str]) -> None:
+    code, out, _ = run(*command, "--help")
+    assert code == 0
+    assert "Usage" in out
+    if command in (["replay"], ["model"]):
+        assert "Examples" in out
+
+
+def test_version(run: Run) -> None:
+    code, out, _ = run("--version")
+    assert code == 0
+    assert out.startswith("ur5-twin ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["replay"], "path"),
+        (["replay", "nowhere"], "nowhere"),
+        (["replay", "demo", "--mode", "ghost"], "servo"),
+        (["replay", "demo", "--model", "d"], "known: a, b, c, controller, plant"),
+        (["replay", "demo", "--model", "control"], "did you mean 'controller'"),
+        (["replay", "demo", "--plant", "missing.toml"], "missing.toml"),
+        (["replay", "demo", "--gains", "soft"], "thesis_c"),
+        (["replay", "demo", "--drive", "none"], "thesis"),
+        (["replay", "demo", "--tool", "hammer"], "ati_gamma"),
+        (["replay", "demo", "--frobnicate"], "--frobnicate"),
+        (["model", "z"], "known: a, b, c"),
+        (["model", "c", "--export", "arm.stl"], "arm.stl"),
+        (["fetch", "elsewhere"], "elsewhere"),
+        (["fetch", "--from", "nowhere"], "nowhere"),
+        (["dance"], "dance"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(run: Run, arguments: list[str], says: str) -> None:
+    code, out, err = run(*arguments)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("ur5-twin: ")
+    assert err.count("\n") == 1
+    assert says in err
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[mine", "mine.toml is not valid TOML"),
+        ("[mine]\nsource = 'x'\nkappa0 = [1, 1, 1, 1, 1, 1]", "kappa1"),
+        ("[mine]\nsource = 'x'\nkappa0 = [1, 1, 1]\nkappa1 = [1, 1, 1, 1, 1, 1]", "kappa0"),
+        ("[mine]\nsource = 'x'\nkappa0 = [-1, 1, 1, 1, 1, 1]\nkappa1 = [1, 1, 1, 1, 1, 1]", "kappa0"),
+        ("[mine]\nsource = 'x'\nkappa0 = [1, 1, 1, 1, 1, 1]\nkappa1 = [1, 1, 1, 1, 1, 1]\nkappa2 = 3", "known keys"),
+    ],
+)
+def test_a_wrong_gains_file_is_named(run: Run, text: str, says: str) -> None:
+    Path("mine.toml").write_text(text)
+    code, _, err = run("replay", "demo", "--gains", "mine.toml")
+    assert code == 2
+    assert says in err
+    assert "mine.toml" in err
+
+
+def test_replay_of_the_demo_and_of_its_own_output(run: Run) -> None:
+    code, out, _ = run("replay", "demo", "--out", "first", "--rerun")
+    assert code == 0
+    assert "written to first" in out
+    report = json.loads(Path("first/report.json").read_text())
+    assert report["source"] == "demo"
+    assert report["model"] == "controller"
+    assert report["samples"] == len(read(Path("first/recording.parquet")).robot)
+    for section, key in (
+        ("tracking", "q_mae_rad"),
+        ("tracking", "qd_mae_rad_s"),
+        ("target_moment", "mae_nm"),
+        ("target_current", "mae_a"),
+        ("actual_current", "mae_a"),
+    ):
+        assert len(report[section][key]) == 6, (section, key)
+    # The demo's target torque was computed by this model: the log's six decimals are all that is between.
+    assert max(report["target_moment"]["mae_nm"]) < 1e-4
+    assert Path("first/twin.rrd").stat().st_size > 10_000
+    assert "figures/" in Path("first/report.md").read_text()
+    for figure in Path("first/figures").glob("*.png"):
+        assert figure.stat().st_size < 500_000
+
+    code, _, _ = run("replay", "first", "--out", "second", "--no-rerun", "--no-figures")
+    assert code == 0
+    again = json.loads(Path("second/report.json").read_text())
+    assert again["tracking"] == report["tracking"]
+    assert again["source"] == "demo"
+    assert not Path("second/twin.rrd").exists()
+    assert not Path("second/figures").exists()
+
+    first, second = (read(Path(name) / "recording.parquet").robot for name in ("first", "second"))
+    for name, values in first.columns.items():
+        assert np.array_equal(values, second[name]), name
+
+
+def test_shadow_replay(run: Run) -> None:
+    arguments = ["demo", "--mode", "shadow", "--model", "plant", "--no-figures", "--no-rerun", "--out", "out"]
+    code, _, _ = run("replay", *arguments)
+    assert code == 0
+    report = json.loads(Path("out/report.json").read_text())
+    assert report["mode"] == "shadow"
+    # One tick ahead of a measured state, whose quantised velocity of 0.3 mrad/s alone makes 2 urad.
+    assert max(report["tracking"]["q_mae_rad"]) < 2e-5
+
+
+def test_an_interrupted_replay_writes_nothing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    from ur5_twin.twin import replay
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(replay, "replay", interrupted)
+    code, _, err = run("replay", "demo", "--out", "out")
+    assert code == 130
+    assert "stopped" in err
+    assert not Path("out").exists()
+
+
+def test_model_table_and_export(run: Run) -> None:
+    import mujoco
+
+    code, out, _ = run("model", "c")
+    assert code == 0
+    assert "8.393" in out
+    assert "table 4.2" in out
+    code, _, _ = run("model", "plant", "--tool", "both", "--scene", "--export", "cell.xml")
+    assert code == 0
+    model = mujoco.MjModel.from_xml_path("cell.xml")
+    assert model.body("tool").mass == pytest.approx(0.51)
+    assert model.geom("floor") is not None
+
+
+def test_fetch_from_a_folder(run: Run, lab_logs: Path) -> None:
+    code, out, _ = run("fetch", "kufieta2014", "--from", lab_logs, "--out", "logs")
+    assert code == 0
+    folder = Path("logs/kufieta2014/Movement_No3_Acc")
+    assert (folder / "csv_files" / "log_q_actual.csv").is_file()
+    assert str(folder) in out
