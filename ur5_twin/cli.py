@@ -44,6 +44,10 @@ ur5-twin model plant --tool ati_gamma --export cell.xml --scene
 """
 
 
+#: Exit code of a command that Ctrl-C ended, as shells have it; Typer returns it, or raises Abort while it prompts.
+_INTERRUPTED = 130
+
+
 class Mode(StrEnum):
     """How the twin follows a log."""
 
@@ -58,12 +62,14 @@ def main() -> None:
     except TwinError as error:
         _stop(str(error), 2)
     except (typer.Abort, KeyboardInterrupt):
-        _stop("stopped: nothing was written", 130)
+        code = _INTERRUPTED
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         _stop(f"{error.format_message()} (see '{context.command_path if context else 'ur5-twin'} --help')", 2)
     except OSError as error:
         _stop(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
+    if code == _INTERRUPTED:
+        _stop("stopped: nothing was written", _INTERRUPTED)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -300,13 +306,12 @@ def _summary(report: dict[str, Any], folder: Path) -> None:
     from ur5_twin.arm.parameters import N_JOINTS
     from ur5_twin.evaluation.replay_report import short_number, table_rows
 
-    table = Table(box=SIMPLE)
-    table.add_column("mean absolute error of")
-    table.add_column("unit")
+    table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
+    table.add_column("mean absolute error", no_wrap=True)
     for joint in range(1, N_JOINTS + 1):
         table.add_column(f"joint {joint}", justify="right", no_wrap=True)
     for label, unit, values in table_rows(report):
-        table.add_row(label, unit, *map(short_number, values))
+        table.add_row(f"{label}, {unit}", *map(short_number, values))
     console = Console()
     console.print(
         f"{report['source']}: {report['mode']} replay with model {report['model']}, gains {report['gains']}, "

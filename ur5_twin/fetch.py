@@ -26,6 +26,8 @@ Progress = Callable[[int, int], object]
 _LICENCE = "LICENSE.txt"
 #: What the licence is called where the logs come from.
 _LICENCE_NAMES = (_LICENCE, "LICENSE", "LICENSE.md", "LICENCE", "LICENCE.txt", "COPYING")
+#: Where fetch runs inside a git operation (a hook, say), its repository must not be taken for ours.
+_OF_ANOTHER_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY", "GIT_COMMON_DIR")
 #: A transfer slower than this many bytes per second for this many seconds is given up.
 _SLOWEST, _PATIENCE = 1000, 60
 
@@ -230,12 +232,9 @@ def _best_licence(wanted: Manifest, texts: list[bytes]) -> bytes | None:
 def _git(
     repository: Path, *arguments: str, check: bool = True, stdin: bytes = b""
 ) -> subprocess.CompletedProcess[bytes]:
-    """Run git without questions to the user and without the user's hooks and settings for line ends."""
+    """Run git without questions to the user."""
     slow = ("-c", f"http.lowSpeedLimit={_SLOWEST}", "-c", f"http.lowSpeedTime={_PATIENCE}")
-    # Where fetch runs inside another git operation (a hook), that one's repository must not be taken for ours.
-    environment = {
-        key: value for key, value in os.environ.items() if key not in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE")
-    }
+    environment = {key: value for key, value in os.environ.items() if key not in _OF_ANOTHER_REPOSITORY}
     environment |= {"GIT_TERMINAL_PROMPT": "0", "LC_ALL": "C"}
     try:
         done = subprocess.run(

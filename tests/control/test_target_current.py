@@ -20,8 +20,8 @@ def test_branches() -> None:
 def test_viscous_ratios_are_those_of_table_4_1() -> None:
     law = load_target_current_law()
     ratio = law.viscous_backdriven / law.viscous_driving
-    # Table 4.1: 0.6 / 0.4 for the big joints, 0.25 / 0.3 for the small ones; three digits in the file.
-    assert np.allclose(ratio, [1.5] * 3 + [0.25 / 0.3] * 3, rtol=5e-3)
+    # Table 4.1: 0.6 / 0.4 for the big joints, 0.25 / 0.3 for the small ones; four digits in the file.
+    assert np.allclose(ratio, [1.5] * 3 + [0.25 / 0.3] * 3, rtol=1e-3)
 
 
 def test_standstill_current_of_every_log(lab_logs: Path) -> None:
@@ -30,6 +30,8 @@ def test_standstill_current_of_every_log(lab_logs: Path) -> None:
     for folder in sorted(lab_logs.glob("Movement_*")):
         robot = read(folder).robot
         still = (robot["target_qd"] == 0).all(axis=1)
+        # The last tick of a move rounds to no velocity in the log, but its friction still stands in the current.
+        still[1:] &= still[:-1]
         error = law.current(robot["target_moment"], robot["target_qd"]) - robot["target_current"]
         # Four digits of k at up to 6 A.
         assert np.abs(error[still]).max() < 1e-3, folder.name

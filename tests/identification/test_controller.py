@@ -66,7 +66,7 @@ def test_two_real_logs_predict_the_others(lab_logs: Path) -> None:
         found = replace(base, gravity=fit.gravity, rotor_inertia=fit.rotor_inertia)
         dynamics = Dynamics(found)
         for other in moving:
-            if other in pair:
+            if any(other is used for used in pair):
                 continue
             robot = other.robot
             predicted = dynamics.inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -119,13 +120,17 @@ def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
             rows.append((item.label, item.shown_unit, [value * item.scale for value in values]))
     own = report.get("actual_current", {}).get("controller_mae_a")
     if own is not None:
-        rows.append(("... by the log's target_current", "A", own))
+        rows.append(("... by the controller", "A", own))
     return rows
 
 
 def short_number(value: float) -> str:
-    """Three digits of a number that is not negative, for a table; what is too small to matter is shown as such."""
-    return "0" if value == 0 else "<0.0001" if value < 1e-4 else f"{value:#.3g}".rstrip(".")
+    """A number that is not negative in at most six characters, for a table."""
+    if value == 0:
+        return "0"
+    if value < 1e-4:
+        return "<1e-4"
+    return f"{value:.{max(0, min(4, 2 - math.floor(math.log10(value))))}f}"
 
 
 def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:

@@ -299,7 +299,7 @@ def _read_ft(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> 
             Note(
                 name,
                 f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected, "
-                "no ft table",
+                "no table",
             )
         )
         return None
@@ -346,11 +346,8 @@ def _read_sensor(
         lines = text.split("\n")
         silent = sum(line.strip() == NO_VALUES for line in lines)
         if silent and silent == sum(bool(line.strip()) for line in lines):
-            notes.append(
-                Note(
-                    name, f"all {checks.count(silent, 'row')} read '{NO_VALUES}': no sensor was connected, no ft table"
-                )
-            )
+            rows = checks.count(silent, "row")
+            notes.append(Note(name, f"all {rows} read '{NO_VALUES}': no sensor was connected, no table"))
             return None
         grid = read_grid(text, name, separator=",", names=("time", *fields))
         if grid.cut_row is not None:
