@@ -46,11 +46,11 @@ def main() -> None:
 
     fit = fit_rigid(recordings, load_model("c"))
     print(f"{len(recordings)} logs. One standard deviation of the fit behind each number.\n")
-    print(f"gravity          {fit.gravity:.7f} +- {fit.gravity_std:.7f} m/s^2")
-    print(f"share of tensors {fit.tensor_share:.6f} +- {fit.tensor_share_std:.6f}")
-    print(f"link 6 centre z  {fit.link6_z * 1e3:.5f} +- {fit.link6_z_std * 1e3:.5f} mm")
-    rotor = zip(fit.rotor_inertia, fit.rotor_inertia_std, strict=True)
-    print("rotor inertia    " + ", ".join(f"{value:.7f} +- {std:.7f}" for value, std in rotor) + " kg m^2\n")
+    print(f"gravity          {fit.gravity:.7f} +- {fit.gravity_std:.0e} m/s^2")
+    print(f"share of tensors {fit.tensor_share:.0e} +- {fit.tensor_share_std:.0e}")
+    print(f"link 6 centre z  {fit.link6_z * 1e6:.3f} +- {fit.link6_z_std * 1e6:.3f} um")
+    print("rotor inertia    " + ", ".join(f"{value:.7f}" for value in fit.rotor_inertia) + " kg m^2")
+    print("              +- " + ", ".join(f"{value:.0e}    " for value in fit.rotor_inertia_std) + "\n")
     print("MAE of target_moment in uNm, predicted by a fit on all other logs:\n")
     print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
     for k, unseen in enumerate(recordings):

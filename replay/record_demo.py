@@ -11,6 +11,7 @@ sensor: a log to try the commands on, not one to draw conclusions from.
 from __future__ import annotations
 
 import argparse
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ COLD = 1.08
 def targets() -> np.ndarray:
     """(n, 3, 6) the reference: the waypoints with half a second of rest at each."""
     parts = [rest(WAYPOINTS[0], seconds=0.5, period=PERIOD)]
-    for start, goal in zip(WAYPOINTS[:-1], WAYPOINTS[1:], strict=True):
+    for start, goal in itertools.pairwise(WAYPOINTS):
         parts.append(movej(start, goal, speed=1.0, acceleration=1.4, period=PERIOD)[1:])
         parts.append(rest(goal, seconds=0.5, period=PERIOD))
     return np.concatenate(parts)
