@@ -9,33 +9,13 @@ and models/target_current.toml hold, and for each log what a fit on all the othe
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.evaluation.metrics import mean_absolute
-from ur5_twin.identification.controller import fit_rigid, fit_target_current
+from ur5_twin.identification.controller import fit_rigid, fit_target_current, held_out_moment
 from ur5_twin.recording import read
-from ur5_twin.recording.table import Recording
-
-
-def predicted_mae(fitted: list[Recording], unseen: Recording) -> np.ndarray:
-    """MAE (6,) in Nm of target_moment on a log by a model fitted to others."""
-    fit = fit_rigid(fitted, load_model("c"))
-    controller = load_model("controller")
-    flange = replace(controller.links[5], center=np.array([0.0, 0.0, fit.link6_z]))
-    model = replace(
-        controller,
-        links=(*controller.links[:5], flange),
-        gravity=fit.gravity,
-        rotor_inertia=fit.rotor_inertia,
-    )
-    robot = unseen.robot
-    moment = Dynamics(model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
-    return mean_absolute(robot["target_moment"], moment)
 
 
 def main() -> None:
@@ -53,14 +33,13 @@ def main() -> None:
     print("              +- " + ", ".join(f"{value:.0e}    " for value in fit.rotor_inertia_std) + "\n")
     print("MAE of target_moment in uNm, predicted by a fit on all other logs:\n")
     print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
-    for k, unseen in enumerate(recordings):
-        mae = predicted_mae(recordings[:k] + recordings[k + 1 :], unseen) * 1e6
+    held_out = held_out_moment(recordings, load_model("c"), load_model("controller")) * 1e6
+    for unseen, mae in zip(recordings, held_out, strict=True):
         print(f"| {unseen.source} | " + " | ".join(f"{value:.2f}" for value in mae) + " |")
 
     moving = [r for r in recordings if (np.abs(r.robot["target_qd"]).max(axis=0) > 0).all()]
     law = fit_target_current(moving)
-    travel = np.array([np.abs(r.robot["target_qd"]).sum(axis=0) for r in moving])
-    mean = (law.viscous * travel).sum(axis=1) / travel.sum(axis=0)
+    mean = law.viscous_mean
     print("\ntarget_current, on the logs in which every joint moves:\n")
     print("torque constant    " + ", ".join(f"{value:.4f}" for value in law.torque_constant) + " Nm/A")
     print("load               " + ", ".join(f"{value:.5f}" for value in law.load) + " A/Nm")

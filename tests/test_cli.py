@@ -183,3 +183,35 @@ def test_fetch_from_a_folder(run: Run, lab_logs: Path) -> None:
     folder = Path("logs/kufieta2014/Movement_No3_Acc")
     assert (folder / "csv_files" / "log_q_actual.csv").is_file()
     assert "ur5-twin replay logs/kufieta2014/Movement_" in out
+
+
+def test_identified_controller_files_replay(run: Run, lab_logs: Path) -> None:
+    logs = [lab_logs / "Movement_No3_Acc", lab_logs / "Movement_No9_Singularity_Free_NoDist"]
+    code, out, _ = run("identify", "controller", *logs, "--out", "rigid")
+    assert code == 0
+    assert "the file has none" in out
+    code, _, _ = run("identify", "controller-current", *logs, "--out", "current")
+    assert code == 0
+    report = json.loads(Path("rigid/report.json").read_text())
+    held_out = np.array(next(iter(report["mae"].values())))
+    assert held_out.shape == (2, 6)
+    assert held_out.max() < 1e-4
+    assert report["provenance"]["logs"] == [log.name for log in logs]
+    assert "Movement_No3_Acc" in Path("rigid/report.md").read_text()
+    assert Path("rigid/figures/errors.png").stat().st_size > 5_000
+
+    unseen = lab_logs / "Movement_No5_Acc_slow_w_disturbance"
+    files = ["--model", "rigid/controller.toml", "--target-current", "current/target_current.toml"]
+    code, _, _ = run("replay", unseen, *files, "--out", "out", "--no-rerun", "--no-figures")
+    assert code == 0
+    replayed = json.loads(Path("out/report.json").read_text())
+    assert replayed["model"] == "identified-controller"
+    assert max(replayed["target_moment"]["mae_nm"]) < 1e-4
+    assert max(replayed["target_current"]["mae_a"]) < 0.02
+
+
+def test_logs_that_cannot_carry_a_fit_are_refused(run: Run, lab_logs: Path) -> None:
+    code, _, err = run("identify", "controller", lab_logs / "Movement_No10_Standstill_ForceSensor_Fx")
+    assert code == 2
+    assert "joint 1 (0.0 s)" in err
+    assert not list(Path().iterdir())

@@ -14,6 +14,7 @@ from ur5_twin.errors import MissingExtraError, TwinError
 
 if TYPE_CHECKING:
     from ur5_twin.arm.parameters import ArmModel
+    from ur5_twin.identification.results import Result
     from ur5_twin.recording.table import Recording
     from ur5_twin.twin.replay import ReplaySettings
 
@@ -46,6 +47,14 @@ ur5-twin model plant --tool ati_gamma --export cell.xml --scene
 
 #: Exit code of a command that Ctrl-C ended, as shells have it; Typer returns it, or raises Abort while it prompts.
 _INTERRUPTED = 130
+
+
+_IDENTIFY_EXAMPLES = """[bold]Examples[/bold]
+
+ur5-twin identify controller monday.csv tuesday.csv --out out/mine
+
+ur5-twin replay wednesday.csv --model out/mine/controller.toml
+"""
 
 
 class Mode(StrEnum):
@@ -133,6 +142,9 @@ def replay(
     gains: Annotated[
         str, typer.Option("--gains", "-g", autocompletion=_complete_gains, help="PD gains: a preset's name or a TOML.")
     ] = "thesis_c",
+    target_current: Annotated[
+        Path | None, typer.Option(help="TOML of the controller's current law. Default: the one that ships.")
+    ] = None,
     drive: Annotated[str, typer.Option(help="Map from torque to motor current: a preset's name or a TOML.")] = "thesis",
     tool: Annotated[
         str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange, part of both models.")
@@ -163,7 +175,7 @@ def replay(
 
     if rerun or spawn:
         _need_rerun()
-    settings = _settings(model, plant, gains, drive, tool, mode)
+    settings = _settings(model, plant, gains, drive, target_current, tool, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
     with _progress("replay", len(recording.robot)) as advance:
@@ -203,6 +215,73 @@ def model(
         _view(arm, scene)
 
 
+identify = typer.Typer(help="Turn logs of your arm into model files for the twin.", no_args_is_help=True)
+app.add_typer(identify, name="identify")
+
+_Logs = Annotated[list[Path], typer.Argument(help="Logs, as 'replay' takes them. More logs, more to check against.")]
+_Repair = Annotated[bool, typer.Option("--repair", help="Repair what is broken in a log and report it.")]
+
+
+@identify.command("controller", epilog=_IDENTIFY_EXAMPLES)
+def identify_controller(
+    logs: _Logs,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller"),
+    repair: _Repair = False,
+) -> None:
+    """Find the model your controller linearises with, from its target_moment.
+
+    Writes controller.toml for 'replay --model', and a report with the error on each log of a fit to all the others.
+    """
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.identification import controller, results
+
+    recordings = _read_all(logs, repair)
+    model, base = load_model("c"), load_model("controller")
+    fit = controller.fit_rigid(recordings, model)
+    held_out = controller.held_out_moment(recordings, model, base) if len(recordings) > 1 else None
+    command = f"ur5-twin identify controller {' '.join(recording.source for recording in recordings)}"
+    _write_identified(results.controller_result(fit, held_out, base, recordings, command), out)
+
+
+@identify.command("controller-current", epilog=_IDENTIFY_EXAMPLES)
+def identify_controller_current(
+    logs: _Logs,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller-current"),
+    repair: _Repair = False,
+) -> None:
+    """Find how your controller's target_current follows from its target_moment and target_qd.
+
+    Writes target_current.toml for 'replay --target-current', and a report.
+    """
+    from ur5_twin.identification import controller, results
+
+    recordings = _read_all(logs, repair)
+    fit = controller.fit_target_current(recordings)
+    command = f"ur5-twin identify controller-current {' '.join(recording.source for recording in recordings)}"
+    _write_identified(results.current_result(fit, recordings, command), out)
+
+
+def _read_all(logs: list[Path], repair: bool) -> list[Recording]:
+    from ur5_twin.recording import read
+
+    recordings = []
+    with _progress("read", len(logs)) as advance:
+        for done, path in enumerate(logs, start=1):
+            recordings.append(read(_shipped(path), repair=repair))
+            advance(done)
+    return recordings
+
+
+def _write_identified(result: Result, folder: Path) -> None:
+    from ur5_twin.identification.results import write
+    from ur5_twin.views.identification import draw_errors
+
+    figure = draw_errors(result, folder / "figures" / "errors.png") if result.errors else None
+    write(result, folder, figure)
+    print(*(f"- {finding}" for finding in result.findings), sep="\n")
+    print(f"written to {folder}: {result.file}, report.md, report.json")
+
+
 @app.command()
 def fetch(
     name: Annotated[str, typer.Argument(help="Which public logs.")] = "kufieta2014",
@@ -219,7 +298,9 @@ def fetch(
     print(f"the logs lie in {folder}\nnext: ur5-twin replay {first} --rerun")
 
 
-def _settings(model: str, plant: str | None, gains: str, drive: str, tool: str, mode: Mode) -> ReplaySettings:
+def _settings(
+    model: str, plant: str | None, gains: str, drive: str, target_current: Path | None, tool: str, mode: Mode
+) -> ReplaySettings:
     from ur5_twin.arm.drive import load_drive
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.control.gains import load_gains
@@ -231,7 +312,7 @@ def _settings(model: str, plant: str | None, gains: str, drive: str, tool: str, 
         plant=load_model(plant or model, tool),
         gains=load_gains(gains),
         drive=load_drive(drive),
-        target_current=load_target_current_law(),
+        target_current=load_target_current_law(target_current),
         mode=mode.value,
     )
 
@@ -307,9 +388,9 @@ def _summary(report: dict[str, Any], folder: Path) -> None:
     from ur5_twin.evaluation.replay_report import short_number, table_rows
 
     table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
-    table.add_column("mean absolute error", no_wrap=True)
+    table.add_column("mean absolute error, joint", no_wrap=True)
     for joint in range(1, N_JOINTS + 1):
-        table.add_column(f"joint {joint}", justify="right", no_wrap=True)
+        table.add_column(f"{joint}", justify="right", no_wrap=True)
     for label, unit, values in table_rows(report):
         table.add_row(f"{label}, {unit}", *map(short_number, values))
     console = Console()

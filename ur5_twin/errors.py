@@ -26,6 +26,10 @@ class ReplayError(TwinError):
     """A recording was read but cannot be replayed as asked (a needed column is missing, the twin diverged)."""
 
 
+class IdentificationError(TwinError):
+    """The recordings cannot carry the fit that was asked for; the message says what they lack."""
+
+
 class FetchError(TwinError):
     """Public logs could not be fetched or their checksums differ."""
 

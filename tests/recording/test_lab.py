@@ -119,9 +119,7 @@ def test_broken_number(lab: Path, value: str, what: str) -> None:
     assert any("the first is row 17" in note for note in _repairs(recording))
 
 
-@pytest.mark.parametrize(
-    ("row", "columns"), [("0.128000, 1.0", 2), ("", 0), ("0.128000" + ", 1.000000" * 7, 8)]
-)
+@pytest.mark.parametrize(("row", "columns"), [("0.128000, 1.0", 2), ("", 0), ("0.128000" + ", 1.000000" * 7, 8)])
 def test_wrong_number_of_columns(lab: Path, row: str, columns: int) -> None:
     _edit(lab, M, lambda rows: rows.__setitem__(16, row))
     with pytest.raises(RecordingError, match=rf"log_m_target\.csv, row 17: {columns} columns where 7 belong"):
@@ -263,11 +261,42 @@ def test_broken_sensor(lab: Path) -> None:
     assert any("the sensor is left out" in note for note in _repairs(recording))
 
 
+def test_sensor_that_was_silent_for_a_while(lab: Path) -> None:
+    _edit(lab, "log_force_sensor.csv", lambda rows: rows.__setitem__(slice(9, 14), ["no values recorded"] * 5))
+    recording = read(lab)
+    assert len(recording.tables["ft"]) == 61
+    assert "5 rows read 'no values recorded' and are left out, the first is row 10" in _said(recording)
+
+
+@pytest.mark.parametrize("end", ["\n", "\nno val"])
+def test_sensor_that_was_silent_throughout(lab: Path, end: str) -> None:
+    (lab / "csv_files" / "log_force_sensor.csv").write_text("\n".join(["no values recorded"] * 9) + end)
+    recording = read(lab)
+    assert "ft" not in recording.tables
+    assert f"all {9 + end.count('val')} rows read 'no values recorded'" in _said(recording)
+
+
 def test_sensor_clock_runs_backwards(lab: Path) -> None:
     _edit(lab, "acc_data.csv", _put(30, 0, "1.0"))
     with pytest.raises(RecordingError, match=r"run/acc_data\.csv, row 30: time runs backwards"):
         read(lab)
     assert len(read(lab, repair=True).tables["imu"]) == 84
+
+
+@pytest.mark.parametrize(
+    ("content", "start"),
+    [
+        ("1386689097.8\n" * 40, 1386689097.8),
+        ("1386689097.8\n1386", 1386689097.8),
+        ("1386689097.8" * 40 + "138", 1386689097.8),
+        ("1386689097.8", 1386689097.8),
+        # A twin's recording may count from zero.
+        ("0.000000\n" * 40, 0.0),
+    ],
+)
+def test_host_time(lab: Path, content: str, start: float) -> None:
+    (lab / "csv_files" / "start_time.csv").write_text(content)
+    assert read(lab).robot.host_start == start
 
 
 def test_unknown_host_times(lab: Path) -> None:
@@ -281,9 +310,7 @@ def test_unknown_host_times(lab: Path) -> None:
 # ---------------------------------------------------------------- the writer
 
 
-def test_writer_replaces_its_own_and_nothing_else(
-    lab: Path, made_recording: Recording, tmp_path: Path
-) -> None:
+def test_writer_replaces_its_own_and_nothing_else(lab: Path, made_recording: Recording, tmp_path: Path) -> None:
     write_lab_csv(made_recording, lab)
     assert len(read(lab).robot) == 40
     (lab / "csv_files" / "thesis.txt").write_text("precious")
@@ -319,7 +346,8 @@ def test_writer_needs_every_signal(made_recording: Recording, tmp_path: Path) ->
 def test_round_trip(made_recording: Recording, seed: int, rows: int, scale: float) -> None:
     rng = np.random.default_rng(seed)
     columns = {
-        name: rng.normal(scale=scale, size=(rows, values.shape[1])) for name, values in made_recording.robot.columns.items()
+        name: rng.normal(scale=scale, size=(rows, values.shape[1]))
+        for name, values in made_recording.robot.columns.items()
     }
     time = np.cumsum(rng.uniform(1e-4, 0.01, size=rows))
     recording = Recording({"robot": Table("robot", time, columns, 1.4e9)}, "made", "test")
@@ -367,6 +395,13 @@ def _damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
     return change
 
 
+def _read_or_refusal(path: Path, repair: bool) -> Recording | str:
+    try:
+        return read(path, repair=repair)
+    except RecordingError as error:
+        return str(error)
+
+
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), repair=st.booleans())
 def test_any_damage_is_read_or_refused(lab_template: Path, data: st.DataObject, repair: bool) -> None:
@@ -376,12 +411,11 @@ def test_any_damage_is_read_or_refused(lab_template: Path, data: st.DataObject, 
         for _ in range(data.draw(st.integers(1, 3))):
             path = folder / "csv_files" / data.draw(st.sampled_from(names))
             path.write_bytes(data.draw(_damage())(path.read_bytes()))
-        try:
-            recording = read(folder, repair=repair)
-        except RecordingError as error:
-            assert "run" in str(error)
-            assert "\n" not in str(error)
-            return
+        recording = _read_or_refusal(folder, repair)
+    if isinstance(recording, str):
+        assert "run" in recording
+        assert "\n" not in recording
+        return
     # What was read is fit for use, repaired or not.
     assert 1 <= len(recording.robot) <= 50
     assert (np.diff(recording.robot.time) > 0).all()
@@ -395,7 +429,7 @@ def test_any_damage_is_read_or_refused(lab_template: Path, data: st.DataObject, 
 def test_a_repair_never_moves_a_value_to_another_time(
     lab_template: Path, made_recording: Recording, data: st.DataObject
 ) -> None:
-    """Rows lost from files: every row that is left holds, for every signal, the values that were logged at its stamp."""
+    """Rows lost from files: every row left holds, for every signal, the values that were logged at its stamp."""
     names = sorted(p.name for p in (lab_template / "csv_files").glob("log_*.csv"))
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(shutil.copytree(lab_template, Path(scratch) / "run"))

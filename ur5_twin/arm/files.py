@@ -91,6 +91,7 @@ class ModelFile(Strict, frozen=True):
     links: tuple[LinkSpec, ...] = ()
     links_from: str | None = None
     changes: tuple[LinkChange, ...] = ()
+    provenance: dict[str, Any] | None = None
 
 
 class PartSpec(Strict, frozen=True):
@@ -132,6 +133,7 @@ class TargetCurrentSpec(Strict, frozen=True):
     load_a_nm: SixNonNegative
     viscous_driving_a_s_rad: SixNonNegative
     viscous_backdriven_a_s_rad: SixNonNegative
+    provenance: dict[str, Any] | None = None
 
 
 def model_path(name: str) -> Path:

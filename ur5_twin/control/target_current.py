@@ -14,6 +14,7 @@ not hold.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -56,9 +57,13 @@ class TargetCurrentLaw:
         )
 
 
-def load_target_current_law() -> TargetCurrentLaw:
-    """The law with the coefficients of ``models/target_current.toml``."""
-    spec = files.read(files.model_path("target_current.toml"), files.TargetCurrentSpec)
+def load_target_current_law(path: Path | None = None) -> TargetCurrentLaw:
+    """The law with the coefficients of a TOML file, by default ``models/target_current.toml``.
+
+    Raises:
+        ModelError: the file is wrong.
+    """
+    spec = files.read(path or files.model_path("target_current.toml"), files.TargetCurrentSpec)
     return TargetCurrentLaw(
         source=spec.source,
         torque_constant=np.array(spec.torque_constant_nm_a),

@@ -13,13 +13,22 @@ import numpy as np
 
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.target_current import driving_share
+from ur5_twin.control.target_current import TargetCurrentLaw, driving_share
+from ur5_twin.errors import IdentificationError
+from ur5_twin.evaluation.metrics import mean_absolute
 from ur5_twin.recording.table import Recording
 
 #: Torque whose sign six decimals of a log do not tell with certainty, Nm.
 _UNLOADED = 1e-4
 #: Step of the derivative with respect to link 6's mass centre, m: the torque is quadratic in it, so central is exact.
 _DZ = 1e-3
+#: A joint whose target moves for less than this says too little, s.
+_SHORTEST_MOTION = 10.0
+#: Target speed that counts as motion, rad/s.
+_MOVING = 1e-3
+#: Signals each fit reads.
+_RIGID_SIGNALS = ("target_q", "target_qd", "target_qdd", "target_moment")
+_CURRENT_SIGNALS = ("target_qd", "target_moment", "target_current")
 
 
 @dataclass(frozen=True)
@@ -44,23 +53,30 @@ class RigidFit:
     rotor_inertia_std: np.ndarray
     mae: np.ndarray
 
+    def arm(self, base: ArmModel) -> ArmModel:
+        """The controller's model with the fitted gravity, rotors and link 6's centre, the rest from ``base``."""
+        flange = replace(base.links[5], center=np.array([0.0, 0.0, self.link6_z]))
+        links = (*base.links[:5], flange)
+        return replace(base, links=links, gravity=self.gravity, rotor_inertia=self.rotor_inertia)
+
 
 def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
     """Gravity, share of the link tensors, link 6's mass centre and the rotor inertias from target_moment.
 
-    target_moment = (masses' torque) + g G(q) + f (tensors' torque) + z d/dz (link 6's torque) + J_r qdd is linear in g, f,
-    z and J_r near z = 0; the masses and the other mass centres are those of ``model``. Joints are weighted by what a
-    first fit leaves in each.
+    target_moment = (masses' torque) + g G(q) + f (tensors' torque) + z d/dz (link 6's torque) + J_r qdd is linear in
+    g, f, z and J_r near z = 0; the masses and the other mass centres are those of ``model``. Joints are weighted by
+    what a first fit leaves in each.
 
     Args:
         recordings: logs with target_q, target_qd, target_qdd and target_moment, no payload set.
         model: masses, centres and the tensors to be scaled; its gravity is where the derivative in z is taken.
+
+    Raises:
+        IdentificationError: a signal is missing, or a joint moves for less than 10 s in all of the logs.
     """
+    _check(recordings, _RIGID_SIGNALS)
     robots = [recording.robot for recording in recordings]
-    q, qd, qdd, moment = (
-        np.concatenate([robot[name] for robot in robots])
-        for name in ("target_q", "target_qd", "target_qdd", "target_moment")
-    )
+    q, qd, qdd, moment = (np.concatenate([robot[name] for robot in robots]) for name in _RIGID_SIGNALS)
 
     def torque(*, tensors: bool, gravity: float, z: float = 0.0) -> np.ndarray:
         links = [link if tensors else replace(link, inertia=np.zeros((3, 3))) for link in model.links]
@@ -106,6 +122,7 @@ class CurrentFit:
         viscous: (2, n_logs, 6) A s/rad, driving and back-driven, one per log: it follows the drive's temperature.
         mae: (n_logs, 6) error left with each log's own viscous coefficients, A.
         mae_common: (n_logs, 6) with the logs' mean coefficients, A.
+        viscous_mean: (2, 6) A s/rad, the logs' mean, each log counted by the way its joint travels.
     """
 
     torque_constant: np.ndarray
@@ -113,6 +130,12 @@ class CurrentFit:
     viscous: np.ndarray
     mae: np.ndarray
     mae_common: np.ndarray
+    viscous_mean: np.ndarray
+
+    def law(self, source: str) -> TargetCurrentLaw:
+        """The law with the mean viscous coefficients."""
+        load = np.maximum(self.load, 0.0)  # a small joint's comes out at plus or minus rounding
+        return TargetCurrentLaw(source, self.torque_constant, load, self.viscous_mean[0], self.viscous_mean[1])
 
 
 def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
@@ -121,12 +144,17 @@ def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
     The branches are those of ``control.target_current.driving_share``. Rows in motion with less torque than
     ``_UNLOADED`` tell nothing about them, since the log's rounding hides the sign; the fit leaves them out, the errors
     count them.
+
+    Raises:
+        IdentificationError: a signal is missing, or a joint moves for less than 10 s in all of the logs.
     """
+    _check(recordings, _CURRENT_SIGNALS)
     robots = [recording.robot for recording in recordings]
     count = len(robots)
     constant, load = np.empty(6), np.empty(6)
     viscous = np.empty((2, count, 6))
     mae, mae_common = np.empty((count, 6)), np.empty((count, 6))
+    viscous_mean = np.empty((2, 6))
     for joint in range(6):
         blocks = []
         for k, robot in enumerate(robots):
@@ -148,10 +176,11 @@ def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
         )[0]
         constant[joint], load[joint] = 1.0 / solution[0], solution[1]
         viscous[:, :, joint] = solution[2:].reshape(2, count)
-        common = np.concatenate([solution[:2], np.repeat(_mean_moving(viscous[:, :, joint], robots, joint), count)])
+        viscous_mean[:, joint] = _mean_moving(viscous[:, :, joint], robots, joint)
+        common = np.concatenate([solution[:2], np.repeat(viscous_mean[:, joint], count)])
         mae[:, joint] = [np.abs(b @ solution - i).mean() for b, i in zip(blocks, current, strict=True)]
         mae_common[:, joint] = [np.abs(b @ common - i).mean() for b, i in zip(blocks, current, strict=True)]
-    return CurrentFit(constant, load, viscous, mae, mae_common)
+    return CurrentFit(constant, load, viscous, mae, mae_common, viscous_mean)
 
 
 def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarray:
@@ -159,3 +188,40 @@ def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarra
     travel = np.array([np.abs(robot["target_qd"][:, joint]).sum() for robot in robots])
     moved = travel > 0
     return viscous[:, moved] @ travel[moved] / travel[moved].sum()
+
+
+def held_out_moment(recordings: Sequence[Recording], model: ArmModel, base: ArmModel) -> np.ndarray:
+    """MAE (n_logs, 6) in Nm of each log's target_moment by a fit on all the other logs.
+
+    Args:
+        recordings: two logs or more.
+        model: what ``fit_rigid`` takes.
+        base: what the fitted numbers are put into (``RigidFit.arm``).
+    """
+    errors = []
+    for k, unseen in enumerate(recordings):
+        others = [recording for i, recording in enumerate(recordings) if i != k]
+        dynamics = Dynamics(fit_rigid(others, model).arm(base))
+        q, qd, qdd, moment = (unseen.robot[name] for name in _RIGID_SIGNALS)
+        errors.append(mean_absolute(moment, dynamics.inverse(q, qd, qdd)))
+    return np.array(errors)
+
+
+def _check(recordings: Sequence[Recording], signals: Sequence[str]) -> None:
+    """Refuse logs that cannot carry a fit."""
+    for recording in recordings:
+        missing = [name for name in signals if name not in recording.robot]
+        if missing:
+            raise IdentificationError(
+                f"{recording.source}: no {', '.join(missing)}; the fit needs {', '.join(signals)}"
+            )
+    moving = np.zeros(6)
+    for recording in recordings:
+        period = np.diff(recording.robot.time, prepend=recording.robot.time[0])
+        moving += period @ (np.abs(recording.robot["target_qd"]) > _MOVING)
+    short = [f"joint {j + 1} ({seconds:.1f} s)" for j, seconds in enumerate(moving) if seconds < _SHORTEST_MOTION]
+    if short:
+        raise IdentificationError(
+            f"too little motion in {', '.join(recording.source for recording in recordings) or 'no logs'}: each joint "
+            f"must move for {_SHORTEST_MOTION:.0f} s in all; too short: {', '.join(short)}"
+        )

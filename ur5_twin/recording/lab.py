@@ -33,8 +33,8 @@ FORMAT = "lab_csv"
 _PERIOD = 0.008
 #: Below this the force sensor's file says that nothing was connected (the lab's program wrote -0.000001), N and Nm.
 _NOTHING = 1.5e-6
-#: POSIX seconds in digits: ten before the point, from the year 2001 on.
-_STAMP = re.compile(r"(\d{9,10}\.\d+?)(?=\1|\s|$)", re.ASCII)
+#: A stamp, up to its end or up to where it repeats itself.
+_STAMP = re.compile(r"(\d+\.\d+?)(?=\1|\s|$)", re.ASCII)
 
 
 def read_lab_folder(folder: Path, *, repair: bool = False) -> Recording:
@@ -298,8 +298,7 @@ def _read_ft(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> 
         notes.append(
             Note(
                 name,
-                f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected, "
-                "no table",
+                f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected, no table",
             )
         )
         return None
@@ -343,17 +342,17 @@ def _read_sensor(
     """Rows of a sensor's file and their 1-based numbers; None, with a note, if there is no sensor in it."""
     try:
         text = read_text(path, name, lenient=repair)
-        lines = text.split("\n")
-        silent = sum(line.strip() == NO_VALUES for line in lines)
-        if silent and silent == sum(bool(line.strip()) for line in lines):
-            rows = checks.count(silent, "row")
+        silent = _silent_rows(text)
+        if len(silent) == sum(bool(line.strip()) for line in text.split("\n")):
+            rows = checks.count(len(silent), "row")
             notes.append(Note(name, f"all {rows} read '{NO_VALUES}': no sensor was connected, no table"))
             return None
         grid = read_grid(text, name, separator=",", names=("time", *fields))
         if grid.cut_row is not None:
             notes.append(Note(name, f"the last row ({grid.cut_row}) is cut off in mid-row and left out", True))
-        if grid.faults and not repair:
-            raise grid.error(grid.faults[0])
+        faults = [fault for fault in grid.faults if fault.row not in silent]
+        if faults and not repair:
+            raise grid.error(faults[0])
         keep = np.flatnonzero(grid.sound())
         if not len(keep):
             raise RecordingError(f"{name}: no complete row; a row is time and {len(fields)} numbers")
@@ -362,17 +361,32 @@ def _read_sensor(
             raise
         notes.append(Note(name, f"{str(error).removeprefix(name).lstrip(', :')}: the sensor is left out", True))
         return None
-    if grid.faults:
-        first = grid.faults[0]
+    if silent:
+        rows = checks.count(len(silent), "row")
+        notes.append(Note(name, f"{rows} read '{NO_VALUES}' and are left out, the first is row {min(silent)}", True))
+    if faults:
+        first = faults[0]
         notes.append(
             Note(
                 name,
-                f"{checks.count(len(grid) - len(keep), 'row')} unreadable and left out, the first is row {first.row} "
+                f"{checks.count(len({fault.row for fault in faults}), 'row')} unreadable and left out, the first is row {first.row} "
                 f"({first.what})",
                 True,
             )
         )
     return grid.values[keep], keep + 1
+
+
+def _silent_rows(text: str) -> set[int]:
+    """1-based rows that say that no value came; the last may be cut off in saying so."""
+    if NO_VALUES[:2] not in text:
+        return set()
+    rows = [line.strip() for line in text.split("\n")]
+    return {
+        i + 1
+        for i, row in enumerate(rows)
+        if row == NO_VALUES or (row[:1] == "n" and i + 1 == len(rows) and NO_VALUES.startswith(row))
+    }
 
 
 # ---------------------------------------------------------------- host clocks

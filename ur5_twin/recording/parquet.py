@@ -197,7 +197,7 @@ def _header(entries: Mapping[str, str], name: str) -> _Header:
         )
     try:
         header = msgspec.json.decode(entries[KEY], type=_Header)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordingError(f"{name}: the entry '{KEY}' of its metadata is damaged ({error})") from None
     if header.schema != SCHEMA:
         raise RecordingError(

@@ -182,6 +182,8 @@ def _sound_rows(
     if not repair:
         raise grid.error(grid.faults[0])
     whole_rows = ~np.isnan(grid.values).all(axis=1)
+    if not whole_rows.any():
+        raise RecordingError(f"{grid.name}: no row can be read; there is nothing to repair")
     kept = {
         column: fields
         for column, fields in layout.items()
