@@ -186,7 +186,7 @@ def test_fetch_from_a_folder(run: Run, lab_logs: Path) -> None:
 
 
 def test_identified_controller_files_replay(run: Run, lab_logs: Path) -> None:
-    logs = [lab_logs / "Movement_No3_Acc", lab_logs / "Movement_No9_Singularity_Free_NoDist"]
+    logs = [lab_logs / "Movement_No6_Acc_slow_Verify_Model", lab_logs / "Movement_No9_Singularity_Free_NoDist"]
     code, out, _ = run("identify", "controller", *logs, "--out", "rigid")
     assert code == 0
     assert "the file has none" in out
@@ -197,7 +197,7 @@ def test_identified_controller_files_replay(run: Run, lab_logs: Path) -> None:
     assert held_out.shape == (2, 6)
     assert held_out.max() < 1e-4
     assert report["provenance"]["logs"] == [log.name for log in logs]
-    assert "Movement_No3_Acc" in Path("rigid/report.md").read_text()
+    assert "Movement_No6_Acc_slow_Verify_Model" in Path("rigid/report.md").read_text()
     assert Path("rigid/figures/errors.png").stat().st_size > 5_000
 
     unseen = lab_logs / "Movement_No5_Acc_slow_w_disturbance"

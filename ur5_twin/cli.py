@@ -388,7 +388,7 @@ def _summary(report: dict[str, Any], folder: Path) -> None:
     from ur5_twin.evaluation.replay_report import short_number, table_rows
 
     table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
-    table.add_column("mean absolute error, joint", no_wrap=True)
+    table.add_column("MAE per joint", no_wrap=True)
     for joint in range(1, N_JOINTS + 1):
         table.add_column(f"{joint}", justify="right", no_wrap=True)
     for label, unit, values in table_rows(report):

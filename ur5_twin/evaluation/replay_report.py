@@ -120,7 +120,7 @@ def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
             rows.append((item.label, item.shown_unit, [value * item.scale for value in values]))
     own = report.get("actual_current", {}).get("controller_mae_a")
     if own is not None:
-        rows.append(("... by the controller", "A", own))
+        rows.append(("controller's own", "A", own))
     return rows
 
 

@@ -365,12 +365,11 @@ def _read_sensor(
         rows = checks.count(len(silent), "row")
         notes.append(Note(name, f"{rows} read '{NO_VALUES}' and are left out, the first is row {min(silent)}", True))
     if faults:
-        first = faults[0]
+        first, bad = faults[0], len({fault.row for fault in faults})
         notes.append(
             Note(
                 name,
-                f"{checks.count(len({fault.row for fault in faults}), 'row')} unreadable and left out, the first is row {first.row} "
-                f"({first.what})",
+                f"{checks.count(bad, 'row')} unreadable and left out, the first is row {first.row} ({first.what})",
                 True,
             )
         )
