@@ -293,7 +293,8 @@ def fetch(
     """Fetch public logs of a real UR5, at a pinned commit, and check every file."""
     from ur5_twin.fetch import fetch as run
 
-    folder = run(name, source=source, out=out)
+    with _progress("check", None) as advance:
+        folder = run(name, source=source, out=out, progress=advance)
     first = next(iter(sorted(p for p in folder.iterdir() if p.is_dir())))
     print(f"the logs lie in {folder}\nnext: ur5-twin replay {first} --rerun")
 
@@ -338,8 +339,9 @@ def _shipped(path: Path) -> Path:
     return shipped if shipped.is_dir() else path
 
 
-def _progress(label: str, total: int) -> Any:
-    """A progress bar as a context manager that gives a function to call with the number of rows done."""
+def _progress(label: str, total: int | None) -> Any:
+    """A progress bar as a context manager; it gives a function to call with the number done, and of how many if that
+    was not known before."""
     from contextlib import contextmanager
 
     from rich.console import Console
@@ -350,7 +352,7 @@ def _progress(label: str, total: int) -> Any:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
             task = shown.add_task(label, total=total)
-            yield lambda done: shown.update(task, completed=done)
+            yield lambda done, of=total: shown.update(task, completed=done, total=of)
 
     return bar()
 

@@ -6,6 +6,7 @@ SHA-256 of every file.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import subprocess
@@ -103,6 +104,7 @@ def fetch(
     """
     wanted = load_manifest(name, manifest)
     target = Path(out) / wanted.name
+    was_there = target.parent.exists()
     try:
         if target.exists() and (not target.is_dir() or any(target.iterdir())):
             _verify_present(wanted, target, progress)
@@ -116,6 +118,11 @@ def fetch(
             made.rename(target)
     except OSError as error:
         raise FetchError(f"{error.filename or target}: {error.strerror or error}") from None
+    finally:
+        if not was_there and not target.exists():
+            # What failed leaves nothing behind, not even the folder it was to go into.
+            with contextlib.suppress(OSError):
+                target.parent.rmdir()
     return target
 
 

@@ -54,3 +54,8 @@ ROBOT_FILES: tuple[RobotFile, ...] = (
 #: Files that no repair can do without: a log without positions is not a log of a motion.
 NEEDED = ("log_q_actual.csv", "log_q_target.csv")
 KNOWN_FILES = frozenset({f.name for f in ROBOT_FILES} | {START_TIME, FT_FILE, FT_START_TIME, IMU_FILE, IMU_START_TIME})
+
+
+def parts(column: str, width: int) -> tuple[str, ...]:
+    """What the fields of a vector are called in messages."""
+    return tuple(f"{column}_{i}" for i in range(width))
