@@ -31,12 +31,13 @@ def sinusoids(t: np.ndarray) -> np.ndarray:
 def samples(t: np.ndarray, targets: np.ndarray) -> list[Sample]:
     """What a robot without tracking error reports."""
     return [
-        Sample(time, target[0], target[1], target) for time, target in zip(t.tolist(), np.ascontiguousarray(targets))
+        Sample(time, target[0], target[1], target)
+        for time, target in zip(t.tolist(), np.ascontiguousarray(targets), strict=True)
     ]
 
 
 def follow(t: np.ndarray, targets: np.ndarray, twin: ServoTwin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q, qd, moment = zip(*(twin.tick(sample) for sample in samples(t, targets)))
+    q, qd, moment = zip(*(twin.tick(sample) for sample in samples(t, targets)), strict=True)
     return np.array(q), np.array(qd), np.array(moment)
 
 
@@ -130,7 +131,7 @@ def test_the_twin_does_not_know_the_future() -> None:
     targets = sinusoids(t)
     whole = follow(t, targets, ServoTwin(loop()))
     start = follow(t[:40], targets[:40], ServoTwin(loop()))
-    for ours, theirs in zip(whole, start):
+    for ours, theirs in zip(whole, start, strict=True):
         assert np.array_equal(ours[:40], theirs)
 
 
@@ -186,7 +187,7 @@ def test_shadow_gives_the_torque_of_the_measured_motion() -> None:
     ]
     predictions = [twin.tick(sample) for sample in measured]
     dynamics = Dynamics(model)
-    for sample, prediction in zip(measured, predictions):
+    for sample, prediction in zip(measured, predictions, strict=True):
         assert sample.target is not None
         expected = dynamics.inverse(sample.actual_q, sample.actual_qd, sample.target[2])
         assert np.allclose(prediction.moment, expected, atol=1e-12)
@@ -228,6 +229,10 @@ def test_instability_is_reported() -> None:
     strong = replace(model, limits=replace(model.limits, torque=np.full(6, 1e12)))
     closed = ClosedLoop(strong, strong, wild)
     closed.reset(HOME + 1e-3, np.zeros(6))
-    with pytest.raises(ReplayError, match="unstable"):
+
+    def run() -> None:
         for _ in range(200):
             closed.advance(start, start, TICK)
+
+    with pytest.raises(ReplayError, match="unstable"):
+        run()
