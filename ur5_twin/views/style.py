@@ -1,0 +1,171 @@
+"""What is drawn, under which name, in which unit and colour: one answer for the figures and for the viewer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ur5_twin.recording.table import Table
+
+#: The roles' colours, told apart by the colour-blind and readable on white paper and on the viewer's black.
+MEASURED = "#2a86d1"
+TARGET = "#8a8f98"
+TWIN = "#ec7014"
+#: A second thing the twin says of the same quantity.
+TWIN_TOO = "#b05cc6"
+TRUTH = "#1ba36b"
+#: Estimators, in the order in which they are met.
+ESTIMATES = (TWIN, TWIN_TOO, "#c9a800", "#d4526e")
+
+WRENCH_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+WRENCH_UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
+#: Below this a force is noise, model error or the weight of a cable, N; no arrow is drawn.
+LEAST_FORCE = 3.0
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a plot: a column of the robot table.
+
+    Attributes:
+        column: RTDE's name, ``sim_`` before it if the twin says so.
+        label: the legend's word for it.
+        colour: ``#rrggbb``.
+    """
+
+    column: str
+    label: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The line ``of - minus`` of two columns; ``label`` and ``colour`` as in ``Series``."""
+
+    of: str
+    minus: str
+    label: str
+    colour: str
+
+    def values(self, table: Table) -> np.ndarray:
+        """(n, width) in the columns' own unit; NaN where either is."""
+        return table[self.of] - table[self.minus]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One page of plots, a row per joint.
+
+    Attributes:
+        key: file and entity name.
+        title: what it is.
+        unit: of the series, which are drawn as recorded.
+        series: lines of the signal; only those whose column is there are drawn.
+        differences: lines of the error.
+        error_title: what the differences are.
+        error_unit, error_scale: a difference times ``error_scale`` is in ``error_unit``.
+    """
+
+    key: str
+    title: str
+    unit: str
+    series: tuple[Series, ...]
+    differences: tuple[Difference, ...]
+    error_title: str
+    error_unit: str
+    error_scale: float = field(default=1.0)
+
+    def series_in(self, table: Table) -> list[Series]:
+        """The series that the table holds, in drawing order."""
+        return [item for item in self.series if has(table, item.column)]
+
+    def differences_in(self, table: Table) -> list[Difference]:
+        """The differences that the table allows, the twin's first."""
+        return [item for item in self.differences if has(table, item.of) and has(table, item.minus)]
+
+    def error_name(self, difference: Difference) -> str:
+        """Name of a difference in ``error_unit`` as a column, with the unit in it."""
+        return f"{difference.of}_minus_{difference.minus}_{self.error_unit.replace('/', '_')}"
+
+
+QUANTITIES = (
+    Quantity(
+        "position",
+        "Joint position",
+        "rad",
+        (
+            Series("actual_q", "measured", MEASURED),
+            Series("target_q", "target", TARGET),
+            Series("sim_actual_q", "twin", TWIN),
+        ),
+        (
+            Difference("actual_q", "sim_actual_q", "measured - twin", TWIN),
+            Difference("actual_q", "target_q", "measured - target", TARGET),
+        ),
+        "Position error",
+        "mrad",
+        1e3,
+    ),
+    Quantity(
+        "velocity",
+        "Joint velocity",
+        "rad/s",
+        (
+            Series("actual_qd", "measured", MEASURED),
+            Series("target_qd", "target", TARGET),
+            Series("sim_actual_qd", "twin", TWIN),
+        ),
+        (
+            Difference("actual_qd", "sim_actual_qd", "measured - twin", TWIN),
+            Difference("actual_qd", "target_qd", "measured - target", TARGET),
+        ),
+        "Velocity error",
+        "mrad/s",
+        1e3,
+    ),
+    Quantity(
+        "torque",
+        "Joint torque",
+        "Nm",
+        (
+            Series("target_moment", "controller", MEASURED),
+            Series("sim_moment", "twin's motors", TWIN_TOO),
+            Series("sim_target_moment", "twin, for the target motion", TWIN),
+        ),
+        (
+            Difference("target_moment", "sim_target_moment", "controller - twin, for the target motion", TWIN),
+            Difference("target_moment", "sim_moment", "controller - twin's motors", TWIN_TOO),
+        ),
+        "Torque residual",
+        "Nm",
+    ),
+    Quantity(
+        "current",
+        "Motor current",
+        "A",
+        (
+            Series("actual_current", "measured", MEASURED),
+            Series("target_current", "controller's target", TARGET),
+            Series("sim_actual_current", "twin", TWIN),
+            Series("sim_target_current", "twin's target", TWIN_TOO),
+        ),
+        (
+            Difference("actual_current", "sim_actual_current", "measured - twin", TWIN),
+            Difference("actual_current", "target_current", "measured - controller's target", TARGET),
+            Difference("target_current", "sim_target_current", "controller's - twin's target", TWIN_TOO),
+        ),
+        "Current residual",
+        "A",
+    ),
+)
+
+
+def has(table: Table, column: str) -> bool:
+    """Whether a column is there and holds at least one number."""
+    return column in table and bool(np.isfinite(table[column]).any())
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """``#rrggbb`` as three numbers from 0 to 255."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

@@ -1,0 +1,83 @@
+"""Every wrench a recording holds, brought to one meaning: on the arm, at the flange, in base axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ur5_twin import spatial
+from ur5_twin.arm.parameters import Tool
+from ur5_twin.recording.table import Recording, Table
+from ur5_twin.views.style import ESTIMATES, MEASURED, TARGET, TRUTH, has
+
+#: The sensor's reading of this long from its beginning is taken for its bias, s.
+TARE_TIME = 0.3
+#: Where ``Tool.sensors`` says where ``ft_wrench`` is measured.
+_FT_SENSOR = "ati_gamma"
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """One wrench over the rows of the robot's table.
+
+    Attributes:
+        key: name for entities.
+        label: the legend's word for it.
+        colour: ``#rrggbb``.
+        values: (n, 6) force in N and moment in Nm on the arm, at the flange, in base axes; NaN where unknown.
+    """
+
+    key: str
+    label: str
+    colour: str
+    values: np.ndarray
+
+
+def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.ndarray | None = None) -> list[Wrench]:
+    """The wrenches of a recording: controller's, force sensor's, estimates and truth, those that are there.
+
+    Args:
+        recording: what to look through.
+        X_BF: (n, 4, 4) the flange's pose at each row of the robot's table.
+        tool: what carries the force sensor; without one the moments are about the sensor's own origin.
+        bias: (6,) what the sensor reads without load, in its axes; ``sensor_bias`` of the recording if not given.
+    """
+    aligned = recording.aligned()
+    found = []
+    if has(aligned, "actual_TCP_force"):
+        found.append(Wrench("controller", "controller's estimate", TARGET, aligned["actual_TCP_force"]))
+    if has(aligned, "ft_wrench"):
+        unloaded = sensor_bias(recording) if bias is None else bias
+        found.append(Wrench("sensor", "force sensor", MEASURED, _on_arm(aligned["ft_wrench"], X_BF, tool, unloaded)))
+    estimates = [name for name in sorted(aligned.columns) if name.startswith("est_") and _is_wrench(aligned, name)]
+    for number, name in enumerate(estimates):
+        label = name.removeprefix("est_").removesuffix("_wrench").replace("_", " ")
+        colour = ESTIMATES[number % len(ESTIMATES)]
+        found.append(Wrench(name, f"estimate by {label}", colour, aligned[name]))
+    truths = [name for name in sorted(aligned.columns) if name.startswith("truth_") and _is_wrench(aligned, name)]
+    found += [Wrench(name, "truth", TRUTH, aligned[name]) for name in truths]
+    return [item for item in found if np.isfinite(item.values).any()]
+
+
+def sensor_bias(recording: Recording) -> np.ndarray:
+    """(6,) mean of the force sensor's first 0.3 s in its own axes; zero if there is no sensor."""
+    table = recording.tables.get("ft")
+    if table is None or not has(table, "ft_wrench"):
+        return np.zeros(6)
+    known = np.isfinite(table["ft_wrench"]).all(axis=1)
+    time, values = table.time[known], table["ft_wrench"][known]
+    return values[time <= time[0] + TARE_TIME].mean(axis=0)
+
+
+def _is_wrench(table: Table, name: str) -> bool:
+    named = "wrench" in name or "force" in name.lower()
+    return named and table[name].shape[1] == 6 and has(table, name)
+
+
+def _on_arm(ft_wrench: np.ndarray, X_BF: np.ndarray, tool: Tool | None, bias: np.ndarray) -> np.ndarray:
+    # The sensor reports the reaction: what the arm does to the world.
+    on_sensor = bias - ft_wrench
+    if tool is not None and _FT_SENSOR in tool.sensors:
+        on_sensor = spatial.shift_wrench(on_sensor, -tool.sensors[_FT_SENSOR])
+    return spatial.rotate_wrench(X_BF[:, :3, :3], on_sensor)
