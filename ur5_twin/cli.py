@@ -372,7 +372,7 @@ def _write(
     if figures:
         from ur5_twin.views.figures import write_figures
 
-        drawn = write_figures(recording, folder / "figures", title=recording.source)
+        drawn = write_figures(recording, folder / "figures", title=recording.source, tool=settings.plant.tool)
     if rerun:
         from ur5_twin.views import rerun_view
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,9 +12,14 @@ from ur5_twin import spatial
 from ur5_twin.arm.parameters import JOINT_NAMES, Tool
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.views import paper, wrenches
-from ur5_twin.views.style import MEASURED, QUANTITIES, TWIN, WRENCH_AXES, WRENCH_UNITS, Quantity, has
+from ur5_twin.views.style import MEASURED, QUANTITIES, TWIN, WRENCH_AXES, Quantity, has
 
-_WIDTH = 13.0
+_SIZE = (13.0, 8.0)
+_TALL = (13.0, 12.5)
+#: Line widths of the series in drawing order: broad ones beneath, so that lines that coincide are all seen.
+_BROAD = (4.4, 2.6, 1.2)
+_FINE = (0.7, 1.3, 1.3, 1.3)
+_ERROR_WIDTH = 0.8
 
 
 def write_figures(recording: Recording, folder: Path, *, title: str, tool: Tool | None = None) -> list[Path]:
@@ -35,28 +41,31 @@ def write_figures(recording: Recording, folder: Path, *, title: str, tool: Tool 
 
 
 def _quantity(table: Table, quantity: Quantity, title: str) -> Figure | None:
-    """A row per joint: the signal on the left, what is left between its lines on the right."""
+    """A row per joint: the signal on the left, the differences of its lines on the right."""
     series, differences = quantity.series_in(table), quantity.differences_in(table)
     if not series:
         return None
-    figure = paper.new_figure(_WIDTH, 12.0, quantity.title, title)
+    figure = paper.new_figure(*_TALL, title)
     axes = paper.panels(figure, len(JOINT_NAMES), 2 if differences else 1)
+    widths = _FINE if quantity.noisy else _BROAD
     for joint, joint_name in enumerate(JOINT_NAMES):
         panel = axes[joint, 0]
         paper.name(panel, joint_name)
-        for rank, item in enumerate(series):
-            paper.line(panel, table.time, table[item.column][:, joint], item.colour, rank, item.label)
+        for item, width in zip(series, widths, strict=False):
+            paper.line(panel, table.time, table[item.column][:, joint], item.colour, width, item.label)
         # A joint that stands still would fill its panel with the last digit of its encoder.
         panel.set_ylim(paper.wide(panel.get_ylim(), 0.01))
-        # Last to first, so that the twin's own line lies on top.
-        for row, item in reversed(list(enumerate(differences))):
+        said = []
+        for item in differences[::-1]:  # the twin's own line last, above the others
             error = item.values(table)[:, joint] * quantity.error_scale
-            paper.line(axes[joint, 1], table.time, error, item.colour, 2, item.label)
-            rms, mae = paper.rms_and_mae(error)
-            paper.remark(axes[joint, 1], f"RMS {rms:.3g}  MAE {mae:.3g} {quantity.error_unit}", item.colour, row)
-    paper.legend(axes[0, 0], f"{quantity.title}, {quantity.unit}")
+            paper.line(axes[joint, 1], table.time, error, item.colour, _ERROR_WIDTH, item.label)
+            said.append((paper.rms_and_mae(error), item.colour))
+        if differences:
+            paper.name(axes[joint, 1], joint_name)
+            paper.remarks(axes[joint, 1], said)
+    paper.heading(axes[0, 0], f"{quantity.title}, {quantity.unit}")
     if differences:
-        paper.legend(axes[0, 1], f"{quantity.error_title}, {quantity.error_unit}")
+        paper.heading(axes[0, 1], f"{quantity.error_title}, {quantity.error_unit}")
     return figure
 
 
@@ -65,51 +74,62 @@ def _tcp_path(table: Table, title: str) -> Figure | None:
     if not has(table, "actual_TCP_pose") or not has(table, "sim_actual_TCP_pose"):
         return None
     measured, twin = table["actual_TCP_pose"][:, :3], table["sim_actual_TCP_pose"][:, :3]
-    figure = paper.new_figure(_WIDTH, 7.5, "Path of the flange", title)
+    figure = paper.new_figure(*_SIZE, title)
     axes = paper.panels(figure, 4, 2)
     for panel in axes[:, 0]:
         panel.remove()
-    space = figure.add_axes((0.0, 0.03, 0.48, 0.88), projection="3d", computed_zorder=False)
-    every = max(1, len(measured) // 2000)
-    for path, colour, width, label in ((measured, MEASURED, 3.0, "measured"), (twin, TWIN, 1.0, "twin")):
-        space.plot(*path[::every].T, color=colour, linewidth=width, label=label)
-    space.set(xlabel="x, m", ylabel="y, m", zlabel="z, m", aspect="equal")
-    space.tick_params(labelsize=8)
-    space.legend(loc="upper left", frameon=False, fontsize=9)
+    _path_in_space(figure, measured, twin)
     for panel, coordinate, label in zip(axes[:3, 1], range(3), "xyz", strict=True):
         paper.name(panel, f"{label}, m")
-        paper.line(panel, table.time, measured[:, coordinate], MEASURED, 0, "measured")
-        paper.line(panel, table.time, twin[:, coordinate], TWIN, 2, "twin")
+        paper.line(panel, table.time, measured[:, coordinate], MEASURED, _BROAD[0], "measured")
+        paper.line(panel, table.time, twin[:, coordinate], TWIN, _BROAD[2], "twin")
     distance = np.linalg.norm(measured - twin, axis=1) * 1e3
-    paper.name(axes[3, 1], "distance of the twin, mm")
-    paper.line(axes[3, 1], table.time, distance, TWIN, 2)
-    rms, _ = paper.rms_and_mae(distance)
-    paper.remark(axes[3, 1], f"RMS {rms:.3g}  largest {np.nanmax(distance):.3g} mm", TWIN)
-    paper.legend(axes[0, 1], "Coordinates in the base frame")
+    paper.name(axes[3, 1], "distance of the twin from the arm, mm")
+    paper.line(axes[3, 1], table.time, distance, TWIN, _ERROR_WIDTH)
+    paper.remarks(axes[3, 1], [(paper.rms_and_mae(distance), TWIN)])
+    paper.heading(axes[0, 1], "Path of the flange in the base frame")
     return figure
+
+
+def _path_in_space(figure: Figure, measured: np.ndarray, twin: np.ndarray) -> None:
+    space: Any = figure.add_axes((0.0, 0.04, 0.46, 0.86), projection="3d", computed_zorder=False)
+    every = max(1, len(measured) // 2000)
+    for path, colour, width in ((measured, MEASURED, 4.0), (twin, TWIN, 1.1)):
+        space.plot(*path[::every].T, color=colour, linewidth=width)
+    limits = [getattr(space, f"get_{axis}lim")() for axis in "xyz"]
+    # A path in a plane or on a line still gets a box to look into.
+    least = 0.5 * max(high - low for low, high in limits)
+    space.set(**{f"{axis}lim": paper.wide(limit, least) for axis, limit in zip("xyz", limits, strict=True)})
+    space.set(xlabel="x, m", ylabel="y, m", zlabel="z, m", aspect="equal")
+    space.tick_params(labelsize=8)
+    space.locator_params(nbins=5)
 
 
 def _wrench(recording: Recording, title: str, tool: Tool | None) -> Figure | None:
     """Force on the left, moment on the right, a row per axis, every estimate and measurement in one panel."""
     robot = recording.robot
-    known = has(robot, "actual_TCP_pose")
-    X_BF = spatial.pose_from_vector(robot["actual_TCP_pose"]) if known else np.full((len(robot), 4, 4), np.nan)
+    posed = has(robot, "actual_TCP_pose")
+    X_BF = spatial.pose_from_vector(robot["actual_TCP_pose"]) if posed else np.full((len(robot), 4, 4), np.nan)
     found = wrenches.find(recording, X_BF, tool)
     if not found:
         return None
-    figure = paper.new_figure(_WIDTH, 7.5, "Wrench on the arm, at the flange, in base axes", title)
+    figure = paper.new_figure(*_SIZE, title)
     axes = paper.panels(figure, 3, 2)
-    reference = next((item for item in found if item.label == "truth"), None)
-    reference = reference or next((item for item in found if item.key == "sensor"), None)
-    for axis, (label, unit) in enumerate(zip(WRENCH_AXES, WRENCH_UNITS, strict=True)):
+    reference = wrenches.reference(found)
+    others = [item for item in found if item is not reference]
+    for axis, label in enumerate(WRENCH_AXES):
         panel = axes[axis % 3, axis // 3]
-        paper.name(panel, f"{label}, {unit}")
-        others = [item for item in found if item is not reference]
-        for rank, item in enumerate([reference, *others] if reference else others):
-            paper.line(panel, robot.time, item.values[:, axis], item.colour, 0 if rank == 0 else 2, item.label)
-        for row, item in enumerate(others if reference else ()):
-            rms, mae = paper.rms_and_mae(item.values[:, axis] - reference.values[:, axis])
-            paper.remark(panel, f"against {reference.label}: RMS {rms:.3g}  MAE {mae:.3g} {unit}", item.colour, row)
-    paper.legend(axes[0, 0], "Force, N")
-    paper.legend(axes[0, 1], "Moment, Nm")
+        paper.name(panel, label)
+        if reference is not None:
+            paper.line(panel, robot.time, reference.values[:, axis], reference.colour, 3.0, reference.label)
+        said = []
+        for item in others:
+            paper.line(panel, robot.time, item.values[:, axis], item.colour, 1.1, item.label)
+            if reference is not None:
+                error = item.values[:, axis] - reference.values[:, axis]
+                said.append((paper.rms_and_mae(error), item.colour))
+        paper.remarks(panel, said)
+    against = f"; RMS and MAE against the {reference.label}" if reference is not None and others else ""
+    paper.heading(axes[0, 0], f"Force on the arm, base axes, N{against}")
+    paper.heading(axes[0, 1], "Moment on the arm about the flange, base axes, Nm")
     return figure

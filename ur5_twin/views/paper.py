@@ -10,28 +10,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from ur5_twin.atomic import replacing
 
 #: Points a line is drawn with: twice the pixels of the widest panel would not show more.
-_MOST_POINTS = 2400
+_MOST_POINTS = 1600
 _INK = "#2b2f36"
 _FAINT = "#d9dce1"
 _DPI = 110
+_COLOURS = 96
+#: Left margin, inches.
+_LEFT = 0.75
 
 
-def new_figure(width: float, height: float, title: str, subtitle: str) -> Figure:
+def new_figure(width: float, height: float, title: str) -> Figure:
     """An empty figure, inches, with a title over the panels."""
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    top = 1.0 - 0.12 / height
-    figure.text(0.45 / width, top, title, ha="left", va="top", fontsize=14, fontweight="bold", color=_INK)
-    figure.text(1.0 - 0.2 / width, top, subtitle, ha="right", va="top", fontsize=10, color="#6a707a")
+    figure.text(_LEFT / width, 1.0 - 0.13 / height, title, ha="left", va="top", fontsize=14, weight="bold", color=_INK)
     return figure
 
 
-def panels(figure: Figure, rows: int, columns: int, *, legend_rows: int = 1) -> np.ndarray:
-    """(rows, columns) panels with a shared time axis; room above them for a title and legends."""
+def panels(figure: Figure, rows: int, columns: int) -> np.ndarray:
+    """(rows, columns) panels with a shared time axis, and room above each for its name."""
     width, height = figure.get_size_inches()
     axes = figure.subplots(
         rows,
@@ -39,12 +41,12 @@ def panels(figure: Figure, rows: int, columns: int, *, legend_rows: int = 1) -> 
         sharex=True,
         squeeze=False,
         gridspec_kw={
-            "left": 0.75 / width,
+            "left": _LEFT / width,
             "right": 1.0 - 0.2 / width,
             "bottom": 0.5 / height,
-            "top": 1.0 - (0.55 + 0.22 * legend_rows) / height,
-            "hspace": 0.16,
-            "wspace": 0.14,
+            "top": 1.0 - 1.15 / height,
+            "hspace": 0.27,
+            "wspace": 0.12,
         },
     )
     for panel in axes.flat:
@@ -66,59 +68,57 @@ def dress(panel: Axes) -> None:
 
 
 def name(panel: Axes, text: str) -> None:
-    """A name in the panel's upper left corner, inside."""
-    _corner(panel, 0.008, "left", text, _INK, 0, weight="bold")
+    """A name over the panel's left corner."""
+    _above(panel, 0.0, "left", text, _INK, weight="bold")
 
 
-def remark(panel: Axes, text: str, colour: str, row: int = 0) -> None:
-    """A number in the panel's upper right corner, in the colour of the line it speaks of."""
-    _corner(panel, 0.995, "right", text, colour, row)
+def remarks(panel: Axes, texts_and_colours: Sequence[tuple[str, str]]) -> None:
+    """Numbers over the panel's right end, side by side, each in the colour of the line it speaks of."""
+    for place, (text, colour) in enumerate(reversed(texts_and_colours)):
+        _above(panel, 1.0 - 0.28 * place, "right", text, colour)
 
 
-def _corner(panel: Axes, x: float, side: Any, text: str, colour: str, row: int, weight: str = "normal") -> None:
+def _above(panel: Axes, x: float, side: Any, text: str, colour: str, weight: str = "normal") -> None:
     panel.annotate(
         text,
         (x, 1.0),
         xycoords="axes fraction",
-        xytext=(0, -1 - 11 * row),
+        xytext=(0, 3),
         textcoords="offset points",
         ha=side,
-        va="top",
-        fontsize=8,
+        va="bottom",
+        fontsize=8.5,
         fontweight=weight,
         color=colour,
-        bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0},
-        zorder=10,
     )
 
 
-def line(panel: Axes, time: np.ndarray, values: np.ndarray, colour: str, rank: int = 0, label: str = "") -> None:
-    """A signal over time; ``rank`` 0 is drawn broad and beneath, each further one finer and above.
-
-    Where lines coincide, as a good twin's do, all of them are still seen.
-    """
+def line(panel: Axes, time: np.ndarray, values: np.ndarray, colour: str, width: float, label: str = "") -> None:
+    """A signal over time; later ones lie above earlier ones."""
     at, thinned = envelope(time, values)
-    panel.plot(at, thinned, color=colour, linewidth=(2.6, 1.4, 0.9, 0.9)[min(rank, 3)], label=label, zorder=2 + rank)
+    panel.plot(at, thinned, color=colour, linewidth=width, label=label)
 
 
-def legend(panel: Axes, title: str, columns: int = 4) -> None:
-    """The legend over a column of panels, headed by what the column shows."""
+def heading(panel: Axes, title: str) -> None:
+    """Over a column of panels: what the column shows, and its legend."""
+    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "left", "va": "bottom"}
+    panel.annotate(title, (0.0, 1.0), xytext=(0, 37), fontsize=10.5, fontweight="bold", color=_INK, **above)
     handles, labels = panel.get_legend_handles_labels()
-    panel.set_title(title, loc="left", fontsize=10, color=_INK, fontweight="bold", pad=20)
     shown = panel.legend(
         handles,
         labels,
         loc="lower left",
-        bbox_to_anchor=(-0.012, 0.985),
-        ncols=columns,
+        bbox_to_anchor=(0.0, 1.0, 1.0, 0.0),
+        ncols=4,
         frameon=False,
-        fontsize=8.5,
+        fontsize=9,
         handlelength=1.4,
-        columnspacing=1.2,
-        borderaxespad=0.1,
+        columnspacing=1.4,
+        borderpad=0.0,
+        borderaxespad=1.9,
     )
     for handle in shown.get_lines():
-        handle.set_linewidth(2.5)
+        handle.set_linewidth(3.0)
 
 
 def envelope(time: np.ndarray, values: np.ndarray, most: int = _MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:
@@ -149,17 +149,26 @@ def envelope(time: np.ndarray, values: np.ndarray, most: int = _MOST_POINTS) -> 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write the figure as a PNG in one piece and return its path."""
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(_DPI)
+    canvas.draw()
+    # A plot has few colours: with a palette the file is a third as large.
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(_COLOURS, dither=Image.Dither.NONE)
     with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=_DPI, format="png", metadata={"Software": None})
+        picture.save(temporary, format="png", optimize=True)
     return path
 
 
-def rms_and_mae(values: np.ndarray) -> tuple[float, float]:
-    """Root of the mean square, and mean of the absolute value, over the rows that are numbers."""
+def rms_and_mae(values: np.ndarray) -> str:
+    """Root of the mean square and mean of the absolute value, over the rows that are numbers, in words."""
     known = values[np.isfinite(values)]
     if not len(known):
-        return float("nan"), float("nan")
-    return float(np.sqrt(np.mean(known**2))), float(np.mean(np.abs(known)))
+        return ""
+    return f"RMS {_short(float(np.sqrt(np.mean(known**2))))}  MAE {_short(float(np.mean(np.abs(known))))}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if value >= 1e-3 or value == 0.0 else f"{value:.1e}".replace("e-0", "e-")
 
 
 def wide(limits: Sequence[float], least: float) -> tuple[float, float]:

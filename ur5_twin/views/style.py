@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,6 +65,7 @@ class Quantity:
         differences: lines of the error.
         error_title: what the differences are.
         error_unit, error_scale: a difference times ``error_scale`` is in ``error_unit``.
+        noisy: the measured line is a band; where it is not, it is drawn broad, so that a twin on top of it shows both.
     """
 
     key: str
@@ -74,7 +75,8 @@ class Quantity:
     differences: tuple[Difference, ...]
     error_title: str
     error_unit: str
-    error_scale: float = field(default=1.0)
+    error_scale: float = 1.0
+    noisy: bool = False
 
     def series_in(self, table: Table) -> list[Series]:
         """The series that the table holds, in drawing order."""
@@ -152,11 +154,12 @@ QUANTITIES = (
         ),
         (
             Difference("actual_current", "sim_actual_current", "measured - twin", TWIN),
-            Difference("actual_current", "target_current", "measured - controller's target", TARGET),
-            Difference("target_current", "sim_target_current", "controller's - twin's target", TWIN_TOO),
+            Difference("actual_current", "target_current", "measured - target", TARGET),
+            Difference("target_current", "sim_target_current", "target - twin's target", TWIN_TOO),
         ),
         "Current residual",
         "A",
+        noisy=True,
     ),
 )
 

@@ -60,6 +60,15 @@ def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.nda
     return [item for item in found if np.isfinite(item.values).any()]
 
 
+def reference(found: list[Wrench]) -> Wrench | None:
+    """What the others are compared with: the truth where there is one, else the force sensor."""
+    for label in ("truth", "force sensor"):
+        for item in found:
+            if item.label == label:
+                return item
+    return None
+
+
 def sensor_bias(recording: Recording) -> np.ndarray:
     """(6,) mean of the force sensor's first 0.3 s in its own axes; zero if there is no sensor."""
     table = recording.tables.get("ft")

@@ -1,0 +1,175 @@
+"""The time series of the Rerun view and the layout of its window.
+
+All signals are columns of two entities, ``signals`` and ``wrench``, a struct of the six joints or axes each: that is a
+tenth of the bytes that an entity per line would take. Each plot picks its lines out of them.
+Needs ``rerun``; import it through ``rerun_view``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+from ur5_twin.arm.parameters import JOINT_NAMES
+from ur5_twin.recording.table import Table
+from ur5_twin.views import rerun_scene as scene
+from ur5_twin.views.style import QUANTITIES, WRENCH_AXES, WRENCH_UNITS, Quantity, rgb
+from ur5_twin.views.wrenches import Wrench
+
+SIGNALS = "signals"
+WRENCH = "wrench"
+#: The part of a wrench that is the size of its force.
+SIZE = "F"
+#: What the columns are grouped under in the viewer.
+_ARCHETYPE = "ur5"
+
+
+@dataclass(frozen=True)
+class _Line:
+    component: str
+    label: str
+    colour: str
+    width: float
+
+
+def log_signals(stream: rr.RecordingStream, table: Table, ticks: np.ndarray) -> None:
+    """Send every series at the robot's full rate under its column's name, and the differences with their unit in it."""
+    columns = {}
+    for quantity in QUANTITIES:
+        columns |= {item.column: table[item.column] for item in quantity.series_in(table)}
+        columns |= {
+            quantity.error_name(item): item.values(table) * quantity.error_scale
+            for item in quantity.differences_in(table)
+        }
+    _send(stream, SIGNALS, table.time, ticks, {name: _struct(values, JOINT_NAMES) for name, values in columns.items()})
+
+
+def log_wrenches(stream: rr.RecordingStream, wrenches: Sequence[Wrench], table: Table, ticks: np.ndarray) -> None:
+    """Send every wrench, in base axes at the flange, and the size of its force."""
+    names = (*WRENCH_AXES, SIZE)
+    columns = {
+        wrench.key: _struct(np.column_stack([wrench.values, np.linalg.norm(wrench.values[:, :3], axis=1)]), names)
+        for wrench in wrenches
+    }
+    _send(stream, WRENCH, table.time, ticks, columns)
+
+
+def blueprint(table: Table, wrenches: Sequence[Wrench], stage: scene.Stage) -> rrb.Blueprint:
+    """The window: the arms and the size of the force on the left; on the right a tab per quantity, a row per joint."""
+    axis = _time_axis(table.time)
+    tabs: list[rrb.Container] = [
+        tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axis)) is not None
+    ]
+    left: list[rrb.View] = [_space(stage)]
+    if wrenches:
+        tabs.append(_wrench_tab(wrenches, axis))
+        lines = [_Line(item.key, item.label, item.colour, 1.6) for item in wrenches]
+        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axis))
+    window = rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=[3.0, 1.0][: len(left)]),
+        *([rrb.Tabs(*tabs, active_tab=0)] if tabs else []),
+        column_shares=[1.0, 1.15] if tabs else [1.0],
+    )
+    return rrb.Blueprint(
+        window,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="time", loop_mode="all"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _space(stage: scene.Stage) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin=scene.ROOT,
+        name="Twin and measured arm",
+        background=rrb.Background(kind="SolidColor", color=[27, 30, 36]),
+        line_grid=rrb.LineGrid3D(
+            visible=True,
+            spacing=0.25,
+            plane=rr.components.Plane3D.XY.with_distance(scene.FLOOR_Z),
+            stroke_width=1.0,
+            color=[255, 255, 255, 14],
+        ),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.target, eye_up=(0.0, 0.0, 1.0)
+        ),
+    )
+
+
+def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Horizontal | None:
+    """A row per joint: the signal on the left, the differences of its lines on the right, as in the figures."""
+    widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2)
+    signals = [
+        _Line(item.column, item.label, item.colour, width)
+        for item, width in zip(quantity.series_in(table), widths, strict=False)
+    ]
+    errors = [
+        _Line(quantity.error_name(item), item.label, item.colour, 1.2) for item in quantity.differences_in(table)[::-1]
+    ]
+    columns = [
+        rrb.Vertical(*(_view(f"{joint}, {unit}", SIGNALS, joint, lines, axis) for joint in JOINT_NAMES))
+        for lines, unit in ((signals, quantity.unit), (errors, f"error, {quantity.error_unit}"))
+        if lines
+    ]
+    return rrb.Horizontal(*columns, name=quantity.key.capitalize()) if columns else None
+
+
+def _wrench_tab(wrenches: Sequence[Wrench], axis: rrb.TimeAxis) -> rrb.Horizontal:
+    lines = [_Line(item.key, item.label, item.colour, 1.6) for item in wrenches]
+    rows = [
+        _view(f"{name}, {unit}", WRENCH, name, lines, axis)
+        for name, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)
+    ]
+    return rrb.Horizontal(rrb.Vertical(*rows[:3]), rrb.Vertical(*rows[3:]), name="Wrench")
+
+
+def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    """One plot: the same part, a joint or an axis, of several columns of an entity."""
+    return rrb.TimeSeriesView(
+        origin=entity,
+        contents=[f"/{entity}"],
+        name=title,
+        axis_x=axis,
+        # One legend a column is enough, and in the others it would hide the lines.
+        plot_legend=rrb.PlotLegend(
+            visible=part in (JOINT_NAMES[0], *WRENCH_AXES[::3], SIZE), corner=rrb.Corner2D.LeftTop
+        ),
+        overrides={entity: [_picked(line, part) for line in lines]},
+    )
+
+
+def _picked(line: _Line, part: str) -> rrb.Visualizer:
+    mapping = VisualizerComponentMapping(
+        target="Scalars:scalars",
+        source_kind=ComponentSourceKind.SourceComponent,
+        source_component=f"{_ARCHETYPE}:{line.component}",
+        selector=f".{part}",
+    )
+    return rr.SeriesLines(names=line.label, colors=rgb(line.colour), widths=line.width).visualizer(mappings=[mapping])
+
+
+def _time_axis(time: np.ndarray) -> rrb.TimeAxis:
+    """All of the recording. Linked axes would show half a minute around the cursor instead."""
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=float(time[row])) for row in (0, -1))
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=rr.TimeRange(start=start, end=end))
+
+
+def _struct(values: np.ndarray, names: Sequence[str]) -> pa.StructArray:
+    # Single precision: a tenth of a microradian, and half the bytes.
+    return pa.StructArray.from_arrays([pa.array(column) for column in values.T.astype(np.float32)], names=list(names))
+
+
+def _send(
+    stream: rr.RecordingStream, entity: str, time: np.ndarray, ticks: np.ndarray, columns: dict[str, pa.StructArray]
+) -> None:
+    if columns and len(time):
+        sent = rr.DynamicArchetype.columns(archetype=_ARCHETYPE, components=columns)
+        stream.send_columns(entity, scene.indexes(time, ticks), sent, strict=True)
