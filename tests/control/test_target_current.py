@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ur5_twin.arm.drive import load_manufacturer_drive
 from ur5_twin.control.target_current import driving_share, load_target_current_law
 from ur5_twin.recording import read
 
@@ -20,8 +21,9 @@ def test_branches() -> None:
 def test_viscous_ratios_are_those_of_table_4_1() -> None:
     law = load_target_current_law()
     ratio = law.viscous_backdriven / law.viscous_driving
-    # Table 4.1: 0.6 / 0.4 for the big joints, 0.25 / 0.3 for the small ones; four digits in the file.
-    assert np.allclose(ratio, [1.5] * 3 + [0.25 / 0.3] * 3, rtol=1e-3)
+    printed = load_manufacturer_drive()
+    # Four digits in the file.
+    assert np.allclose(ratio, printed.viscous_friction_backdrive / printed.viscous_friction, rtol=1e-3)
 
 
 def test_standstill_current_of_every_log(lab_logs: Path) -> None:

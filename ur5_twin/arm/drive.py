@@ -47,6 +47,33 @@ class LinearDrive:
         return self.torque_constant * current + self.offset - self.friction(qd)
 
 
+@dataclass(frozen=True)
+class ManufacturerDrive:
+    """What the manufacturer says of the drives (thesis table 4.1), each (6,), in units the table does not give."""
+
+    source: str
+    static_friction: np.ndarray
+    dynamic_friction: np.ndarray
+    viscous_friction: np.ndarray
+    dynamic_friction_backdrive: np.ndarray
+    viscous_friction_backdrive: np.ndarray
+    torque_constant: np.ndarray
+
+
+def load_manufacturer_drive() -> ManufacturerDrive:
+    """Table 4.1's friction and torque constants, from ``models/ur5.toml``."""
+    spec = files.read(files.model_path("ur5.toml"), files.BaseFile).manufacturer_drive
+    return ManufacturerDrive(
+        source=spec.source,
+        static_friction=np.array(spec.static_friction),
+        dynamic_friction=np.array(spec.dynamic_friction),
+        viscous_friction=np.array(spec.viscous_friction),
+        dynamic_friction_backdrive=np.array(spec.dynamic_friction_backdrive),
+        viscous_friction_backdrive=np.array(spec.viscous_friction_backdrive),
+        torque_constant=np.array(spec.torque_constant),
+    )
+
+
 def load_drive(name: str | Path = "thesis") -> LinearDrive:
     """A drive by name (``models/drives.toml``) or from a file with one table of the same keys.
 

@@ -39,9 +39,20 @@ class LimitsSpec(Strict, frozen=True):
     torque_max_nm: SixPositive
 
 
+class ManufacturerDriveSpec(Strict, frozen=True):
+    source: str
+    static_friction: SixNonNegative
+    dynamic_friction: SixNonNegative
+    viscous_friction: SixNonNegative
+    dynamic_friction_backdrive: SixNonNegative
+    viscous_friction_backdrive: SixNonNegative
+    torque_constant: SixPositive
+
+
 class BaseFile(Strict, frozen=True):
     dh: DHSpec
     limits: LimitsSpec
+    manufacturer_drive: ManufacturerDriveSpec
 
 
 class GravitySpec(Strict, frozen=True):
