@@ -29,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Draw the pictures of docs/viewing.md.")
     parser.add_argument("replay", type=Path, help="output folder of ur5-twin replay")
     parser.add_argument("--folder", type=Path, default=Path(__file__).parent, help="where to write")
-    parser.add_argument("--start", type=float, default=9.6, help="what the viewer's picture begins with, s")
+    parser.add_argument("--start", type=float, default=9.9, help="what the viewer's picture begins with, s")
     parser.add_argument("--tool", default="ati_gamma", help="the tool to draw")
     options = parser.parse_args()
     recording = read(options.replay)
@@ -56,7 +56,7 @@ def _screenshot(rrd: Path, shot: Path, path: Path) -> None:
     command = ["rerun", "--renderer", "vulkan", "--window-size", size, "--screenshot-to", str(shot), str(rrd)]
     subprocess.run(command, check=True, timeout=180, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     picture = Image.open(shot).convert("RGB").resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
-    picture.quantize(256).save(path, optimize=True)
+    picture.quantize(256, method=Image.Quantize.FASTOCTREE, kmeans=4).save(path, optimize=True)
 
 
 if __name__ == "__main__":

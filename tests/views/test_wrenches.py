@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.recording import Recording, Table
+from ur5_twin.recording import Recording, Table, read
 from ur5_twin.views import wrenches
 
 
@@ -68,9 +69,7 @@ def test_no_sensor_no_bias(replayed: Recording) -> None:
     np.testing.assert_array_equal(wrenches.sensor_bias(alone), np.zeros(6))
 
 
-def test_a_real_push_has_the_controller_s_sign(lab_logs, model: ArmModel) -> None:
-    from ur5_twin.recording import read
-
+def test_a_real_push_has_the_controller_s_sign(lab_logs: Path, model: ArmModel) -> None:
     recording = read(lab_logs / "Movement_No9_Singularity_Free_ForceSensor")
     X_BF = kinematics.forward(model, recording.robot["actual_q"])
     controller, sensor = wrenches.find(recording, X_BF, model.tool)

@@ -71,21 +71,12 @@ def _acceleration(c, t, j, q, qd, kappa0, kappa1):  # pragma: no cover - compile
 
 
 @numba.njit(cache=True, nogil=True)
-def begin_tick(c, q, qd, h, kappa0, kappa1, packed, qvel, qacc, torque):  # pragma: no cover - compiled
-    """Set qvel half a step back from the velocity qd at the tick's start, and the torque of the tick's first step."""
-    for j in range(6):
-        qacc[j] = _acceleration(c, 0.0, j, q[j], qd[j], kappa0, kappa1)
-        qvel[j] = qd[j] - 0.5 * h * qacc[j]
-    # M a + C qd + g with the velocity that the plant will use, so that equal models cancel to rounding.
-    rnea_into(packed, q, qvel, qacc, torque)
-
-
-@numba.njit(cache=True, nogil=True)
 def control(c, t, q, qvel, qacc, h, kappa0, kappa1, packed, torque):  # pragma: no cover - compiled
     """Torque of the step that begins at time t of the tick; qacc is the acceleration of the step before."""
     a = np.empty(6)
     for j in range(6):
         a[j] = _acceleration(c, t, j, q[j], qvel[j] + 0.5 * h * qacc[j], kappa0, kappa1)
+    # M a + C qd + g with the velocity that the plant will use, so that equal models cancel to rounding.
     rnea_into(packed, q, qvel, a, torque)
 
 

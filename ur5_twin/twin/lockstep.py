@@ -1,8 +1,8 @@
 """The twin in lockstep: each sample of the robot moves the simulated arm to that sample's time stamp.
 
 MuJoCo advances velocity before position, so that the velocity it holds belongs to the middle of the last step; read
-as such (leapfrog), a step is accurate to second order in its length. ``qvel`` is therefore set half a step back when
-a tick begins, and velocities that leave this module are carried half a step forward.
+as such (leapfrog), a step is accurate to second order in its length. ``qvel`` therefore begins half a step back, stays
+there from step to step and tick to tick, and velocities that leave this module are carried half a step forward.
 """
 
 from __future__ import annotations
@@ -28,6 +28,10 @@ SUBSTEP = 0.002
 LONGEST_GAP = 0.5
 
 
+#: A step of a joint's target that no log of a sound robot has, rad.
+_IMPOSSIBLE_STEP = 0.1
+#: Velocities (rad/s) and accelerations (rad/s^2) beyond this are no motion of an arm but a simulation that diverges.
+_DIVERGED = 1e5
 #: Samples of actual_qd that an acceleration is taken from where the robot publishes none: 72 ms at 125 Hz.
 _SLOPE_SAMPLES = 9
 
@@ -57,7 +61,8 @@ class ClosedLoop:
         substep: longest physics step, s; a tick is divided into as many equal steps as it takes.
 
     Attributes:
-        largest_step: (6,) the largest step of each joint's target so far, rad.
+        largest_step: (6,) the largest step of each joint's target_q so far, rad.
+        largest_qd_step: (6,) the largest step of its target_qd, rad/s.
     """
 
     def __init__(self, controller: ArmModel, plant: ArmModel, gains: PDGains, substep: float = SUBSTEP) -> None:
@@ -66,6 +71,8 @@ class ClosedLoop:
         self._kappa0, self._kappa1 = gains.kappa0, gains.kappa1
         self._substep = substep
         self._model = mjcf.compile(plant, collisions=False)
+        # MuJoCo would otherwise put a diverged arm back to zero and go on.
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self._data = mujoco.MjData(self._model)
         # Views into MuJoCo's memory: valid as long as the data they belong to.
         self._q, self._qvel, self._qacc = self._data.qpos, self._data.qvel, self._data.qacc
@@ -74,38 +81,64 @@ class ClosedLoop:
         self._moment = np.zeros(6)
         self._reference = np.zeros((6, 6))
         self._step = np.zeros((2, 6))
+        self._half_step = 0.0
         self.largest_step = np.zeros(6)
+        self.largest_qd_step = np.zeros(6)
 
     def reset(self, q: np.ndarray, qd: np.ndarray) -> None:
         """Put the arm at joint positions ``q`` (6,) rad with velocities ``qd`` (6,) rad/s."""
         self._q[:] = q
         self._qd[:] = qd
+        self._half_step = 0.0
 
     def advance(self, before: np.ndarray, after: np.ndarray, dt: float) -> None:
-        """Move the arm ``dt`` seconds on while the reference goes from one sample's target (3, 6) to the next one's."""
+        """Move the arm ``dt`` seconds on while the reference goes from one sample's target (3, 6) to the next one's.
+
+        Raises:
+            ReplayError: the target steps further than any arm could, or the simulation diverges.
+        """
         steps = max(1, math.ceil(dt / self._substep - 1e-6))
         h = dt / steps
         self._model.opt.timestep = h
-        coefficients = self._reference
-        computed_torque.reference(before, after, dt, coefficients, self._step)
+        computed_torque.reference(before, after, dt, self._reference, self._step)
+        self._count_steps()
         self._q += self._step[0]
         self._qd += self._step[1]
-        np.maximum(self.largest_step, np.abs(self._step[0]), out=self.largest_step)
-        computed_torque.begin_tick(
-            coefficients, self._q, self._qd, h, self._kappa0, self._kappa1, self._packed, self._qvel, self._qacc,
+        if self._half_step == 0.0:
+            self._settle_acceleration(h)
+        self._qvel[:] = self._qd - 0.5 * h * self._qacc
+        for i in range(steps):
+            self._ask_for_torque(i * h, h)
+            mujoco.mj_step(self._model, self._data)
+        self._half_step = 0.5 * h
+        self._qd[:] = self._qvel + self._half_step * self._qacc
+        # Written so that NaN fails too.
+        if not (np.abs(self._qacc).max() < _DIVERGED and np.abs(self._qd).max() < _DIVERGED):
+            raise ReplayError("the simulation diverged: softer gains or a plant with rotor inertia may help")
+
+    def _ask_for_torque(self, t: float, h: float) -> None:
+        computed_torque.control(
+            self._reference, t, self._q, self._qvel, self._qacc, h, self._kappa0, self._kappa1, self._packed,
             self._torque,
         )  # fmt: skip
-        mujoco.mj_step(self._model, self._data)
-        for i in range(1, steps):
-            computed_torque.control(
-                coefficients, i * h, self._q, self._qvel, self._qacc, h, self._kappa0, self._kappa1, self._packed,
-                self._torque,
-            )  # fmt: skip
-            mujoco.mj_step(self._model, self._data)
-        self._qd[:] = self._qvel
-        self._qd += 0.5 * h * self._qacc
-        if self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
-            raise ReplayError("the simulation became unstable: softer gains or a plant with rotor inertia may help")
+
+    def _settle_acceleration(self, h: float) -> None:
+        """After a reset: the plant's own acceleration at the first torque, which half a step back needs."""
+        self._qacc[:] = 0.0
+        self._qvel[:] = self._qd
+        self._ask_for_torque(0.0, h)
+        mujoco.mj_forward(self._model, self._data)
+
+    def _count_steps(self) -> None:
+        q_step, qd_step = np.abs(self._step)
+        if not q_step.max() < _IMPOSSIBLE_STEP:
+            joint = int(np.argmax(q_step)) + 1
+            raise ReplayError(
+                f"the target of joint {joint} steps by {q_step.max():.3g} rad from one sample to the next; "
+                "no arm can do that: is it in rad?"
+            )
+        np.maximum(self.largest_step, q_step, out=self.largest_step)
+        np.maximum(self.largest_qd_step, qd_step, out=self.largest_qd_step)
 
     def state(self, target: np.ndarray) -> Prediction:
         """The arm's state and the torque the control law asks for in it, with the reference at ``target`` (3, 6)."""

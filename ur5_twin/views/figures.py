@@ -57,7 +57,7 @@ def _quantity(table: Table, quantity: Quantity, title: str) -> Figure | None:
         panel.set_ylim(paper.wide(panel.get_ylim(), 0.01))
         said = []
         for item in differences[::-1]:  # the twin's own line last, above the others
-            error = item.values(table)[:, joint] * quantity.error_scale
+            error = quantity.error(item, table)[:, joint]
             paper.line(axes[joint, 1], table.time, error, item.colour, _ERROR_WIDTH, item.label)
             said.append((paper.rms_and_mae(error), item.colour))
         if differences:

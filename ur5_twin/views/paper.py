@@ -153,7 +153,9 @@ def save(figure: Figure, path: Path) -> Path:
     figure.set_dpi(_DPI)
     canvas.draw()
     # A plot has few colours: with a palette the file is a third as large.
-    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(_COLOURS, dither=Image.Dither.NONE)
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(
+        _COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )
     with replacing(path) as temporary:
         picture.save(temporary, format="png", optimize=True)
     return path

@@ -26,13 +26,24 @@ SIGNALS = "signals"
 WRENCH = "wrench"
 #: The part of a wrench that is the size of its force.
 SIZE = "F"
+_PARTS = {SIGNALS: JOINT_NAMES, WRENCH: (*WRENCH_AXES, SIZE)}
+#: The parts whose plot has a legend: the first of each column of plots; in the others it would hide the lines.
+_WITH_LEGEND = (JOINT_NAMES[0], WRENCH_AXES[0], WRENCH_AXES[3], SIZE)
 #: What the columns are grouped under in the viewer.
 _ARCHETYPE = "ur5"
 
 
 @dataclass(frozen=True)
 class _Line:
+    """One line of each plot of a page.
+
+    Attributes:
+        component: the column it is sent as.
+        values: (n, parts) what is sent, for the limits of the plots.
+    """
+
     component: str
+    values: np.ndarray
     label: str
     colour: str
     width: float
@@ -43,21 +54,14 @@ def log_signals(stream: rr.RecordingStream, table: Table, ticks: np.ndarray) -> 
     columns = {}
     for quantity in QUANTITIES:
         columns |= {item.column: table[item.column] for item in quantity.series_in(table)}
-        columns |= {
-            quantity.error_name(item): item.values(table) * quantity.error_scale
-            for item in quantity.differences_in(table)
-        }
-    _send(stream, SIGNALS, table.time, ticks, {name: _struct(values, JOINT_NAMES) for name, values in columns.items()})
+        errors = quantity.differences_in(table)
+        columns |= {quantity.error_name(item): quantity.error(item, table) for item in errors}
+    _send(stream, SIGNALS, columns, table, ticks)
 
 
 def log_wrenches(stream: rr.RecordingStream, wrenches: Sequence[Wrench], table: Table, ticks: np.ndarray) -> None:
     """Send every wrench, in base axes at the flange, and the size of its force."""
-    names = (*WRENCH_AXES, SIZE)
-    columns = {
-        wrench.key: _struct(np.column_stack([wrench.values, np.linalg.norm(wrench.values[:, :3], axis=1)]), names)
-        for wrench in wrenches
-    }
-    _send(stream, WRENCH, table.time, ticks, columns)
+    _send(stream, WRENCH, {wrench.key: _with_size(wrench) for wrench in wrenches}, table, ticks)
 
 
 def blueprint(table: Table, wrenches: Sequence[Wrench], stage: scene.Stage) -> rrb.Blueprint:
@@ -68,8 +72,8 @@ def blueprint(table: Table, wrenches: Sequence[Wrench], stage: scene.Stage) -> r
     ]
     left: list[rrb.View] = [_space(stage)]
     if wrenches:
-        tabs.append(_wrench_tab(wrenches, axis))
-        lines = [_Line(item.key, item.label, item.colour, 1.6) for item in wrenches]
+        lines = [_Line(item.key, _with_size(item), item.label, item.colour, 1.6) for item in wrenches]
+        tabs.append(_wrench_tab(lines, axis))
         left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axis))
     window = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[3.0, 1.0][: len(left)]),
@@ -108,11 +112,12 @@ def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Hori
     """A row per joint: the signal on the left, the differences of its lines on the right, as in the figures."""
     widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2)
     signals = [
-        _Line(item.column, item.label, item.colour, width)
+        _Line(item.column, table[item.column], item.label, item.colour, width)
         for item, width in zip(quantity.series_in(table), widths, strict=False)
     ]
     errors = [
-        _Line(quantity.error_name(item), item.label, item.colour, 1.2) for item in quantity.differences_in(table)[::-1]
+        _Line(quantity.error_name(item), quantity.error(item, table), item.label, item.colour, 1.2)
+        for item in quantity.differences_in(table)[::-1]  # the twin's own above the others
     ]
     columns = [
         rrb.Vertical(*(_view(f"{joint}, {unit}", SIGNALS, joint, lines, axis) for joint in JOINT_NAMES))
@@ -122,8 +127,7 @@ def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Hori
     return rrb.Horizontal(*columns, name=quantity.key.capitalize()) if columns else None
 
 
-def _wrench_tab(wrenches: Sequence[Wrench], axis: rrb.TimeAxis) -> rrb.Horizontal:
-    lines = [_Line(item.key, item.label, item.colour, 1.6) for item in wrenches]
+def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
     rows = [
         _view(f"{name}, {unit}", WRENCH, name, lines, axis)
         for name, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)
@@ -138,10 +142,8 @@ def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: rrb.
         contents=[f"/{entity}"],
         name=title,
         axis_x=axis,
-        # One legend a column is enough, and in the others it would hide the lines.
-        plot_legend=rrb.PlotLegend(
-            visible=part in (JOINT_NAMES[0], *WRENCH_AXES[::3], SIZE), corner=rrb.Corner2D.LeftTop
-        ),
+        axis_y=rrb.ScalarAxis(range=_limits([line.values[:, _PARTS[entity].index(part)] for line in lines])),
+        plot_legend=rrb.PlotLegend(visible=part in _WITH_LEGEND, corner=rrb.Corner2D.LeftTop),
         overrides={entity: [_picked(line, part) for line in lines]},
     )
 
@@ -162,14 +164,27 @@ def _time_axis(time: np.ndarray) -> rrb.TimeAxis:
     return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=rr.TimeRange(start=start, end=end))
 
 
-def _struct(values: np.ndarray, names: Sequence[str]) -> pa.StructArray:
-    # Single precision: a tenth of a microradian, and half the bytes.
-    return pa.StructArray.from_arrays([pa.array(column) for column in values.T.astype(np.float32)], names=list(names))
+def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
+    """What holds all lines with some room; not less than 2e-3, so that standing still looks like it."""
+    known = [line[np.isfinite(line)] for line in values]
+    low, high = (float(f([f(line) for line in known if len(line)] or [0.0])) for f in (np.min, np.max))
+    room = max(0.06 * (high - low), 1e-3)
+    return low - room, high + room
+
+
+def _with_size(wrench: Wrench) -> np.ndarray:
+    return np.column_stack([wrench.values, np.linalg.norm(wrench.values[:, :3], axis=1)])
 
 
 def _send(
-    stream: rr.RecordingStream, entity: str, time: np.ndarray, ticks: np.ndarray, columns: dict[str, pa.StructArray]
+    stream: rr.RecordingStream, entity: str, columns: dict[str, np.ndarray], table: Table, ticks: np.ndarray
 ) -> None:
-    if columns and len(time):
-        sent = rr.DynamicArchetype.columns(archetype=_ARCHETYPE, components=columns)
-        stream.send_columns(entity, scene.indexes(time, ticks), sent, strict=True)
+    if columns and len(table):
+        structs = {name: _struct(values, _PARTS[entity]) for name, values in columns.items()}
+        sent = rr.DynamicArchetype.columns(archetype=_ARCHETYPE, components=structs)
+        stream.send_columns(entity, scene.indexes(table.time, ticks), sent, strict=True)
+
+
+def _struct(values: np.ndarray, names: Sequence[str]) -> pa.StructArray:
+    # Single precision: a tenth of a microradian, and half the bytes.
+    return pa.StructArray.from_arrays([pa.array(column) for column in values.T.astype(np.float32)], names=list(names))

@@ -28,14 +28,17 @@ _NAME_Z = -0.3
 #: Length of an arrow, m per N.
 ARROW_SCALE = 0.006
 
-#: Distance of the eye for each metre of half the picture's width and height, by the viewer's angle of view.
-_PER_HALF_WIDTH, _PER_HALF_HEIGHT = 1.9, 2.0
+#: The eye is turned from where the arm points by this angle about the vertical, and looks down with this slope.
+_ASIDE = np.radians(68.0)
+_FROM_ABOVE = 0.33
+#: Distance of the eye for each metre of a point right and up of the picture's middle, by the viewer's angle of view.
+_EYE_DISTANCE = np.array([1.85, 2.05])
 
 _ALUMINIUM = (205, 208, 213)
 _STEEL = (120, 123, 128)
 _STAND = (74, 80, 88)
 _GHOST_OPACITY = 90
-#: How much larger a ghost is drawn, m: where it coincides with the twin it lies over it like a skin.
+#: How much thicker a ghost is drawn, m: where it coincides with the twin it lies over it like a skin.
 _GHOST_SKIN = 0.002
 #: Quaternions x, y, z, w that turn a cylinder from z to the axis.
 _ALONG = {"x": (0.0, 0.5**0.5, 0.0, 0.5**0.5), "y": (-(0.5**0.5), 0.0, 0.0, 0.5**0.5), "z": (0.0, 0.0, 0.0, 1.0)}
@@ -84,17 +87,20 @@ class Stage:
         """
         known = p_BF[np.isfinite(p_BF).all(axis=1)]
         ahead = known[:, :2].mean(axis=0) if len(known) else np.array([1.0, 0.0])
-        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
-        # The eye stands to the side of where the arm points, a little in front.
-        back = _turned(ahead, np.radians(68.0))
-        right = _turned(back, np.pi / 2)
-        # Whatever the flange does, the shoulder and the upper end of the stand belong into the picture.
-        across = np.append(known[:, :2] @ right, [-0.25, 0.25])
-        height = np.append(known[:, 2], [-0.42, 0.6])
-        gap = 0.0 if overlaid else float(np.clip(np.ptp(across) + 0.2, 0.85, 1.25))
-        middle = np.append(right * (across.max() + across.min() + gap) / 2, (height.max() + height.min()) / 2)
-        far = max((np.ptp(across) + gap) / 2 * _PER_HALF_WIDTH, np.ptp(height) / 2 * _PER_HALF_HEIGHT) + 0.3
-        return cls(beside=np.append(right * gap, 0.0), eye=middle + np.append(back, 0.33) * far, target=middle)
+        azimuth = np.arctan2(ahead[1], ahead[0]) + _ASIDE
+        # The viewer's axes: to the right, up, and from the picture to the eye.
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        back = np.array([np.cos(azimuth), np.sin(azimuth), _FROM_ABOVE]) / np.hypot(1.0, _FROM_ABOVE)
+        axes = np.stack([right, np.cross(back, right), back])
+        # Whatever the flange does, the shoulder, the elbow's height and the upper stand belong into the picture.
+        always = np.array([[0.0, 0.0, 0.6], [0.0, 0.0, -0.4], *(0.22 * right * side for side in (-1, 1))])
+        points = np.concatenate([known, always]) @ axes.T
+        gap = 0.0 if overlaid else float(np.clip(np.ptp(points[:, 0]) + 0.15, 0.8, 1.25))
+        points = np.concatenate([points, points + np.array([gap, 0.0, 0.0])])
+        middle = (points.max(axis=0) + points.min(axis=0))[:2] / 2
+        far = float(np.max(np.abs(points[:, :2] - middle) * _EYE_DISTANCE + points[:, 2:]))
+        target = middle @ axes[:2]
+        return cls(beside=right * gap, eye=target + back * far, target=target)
 
 
 def log_static(stream: rr.RecordingStream, model: ArmModel, arms: Sequence[Arm], stage: Stage) -> None:
@@ -210,7 +216,7 @@ def _log_cylinders(
     if parts:
         skin = 0.0 if colour[3] == 255 else _GHOST_SKIN
         drawn = rr.Cylinders3D(
-            lengths=[part.height + skin for part in parts],
+            lengths=[part.height for part in parts],
             radii=[part.radius + skin for part in parts],
             centers=[part.center for part in parts],
             quaternions=[rr.Quaternion(xyzw=_ALONG[part.axis]) for part in parts],
@@ -236,11 +242,6 @@ def _caps(model: ArmModel, i: int) -> list[Cylinder]:
             center[along] = end + motor.cap_end * 0.004
             caps.append(Cylinder("cap", 0.0, 0.008, 0.96 * housing[0].radius, housing[0].axis, center))
     return caps
-
-
-def _turned(v: np.ndarray, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1]])
 
 
 def arms_in(table: Table) -> list[Arm]:

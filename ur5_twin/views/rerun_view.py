@@ -47,7 +47,7 @@ def write_rrd(recording: Recording, model: ArmModel, path: Path, *, title: str, 
     stream = new_stream(recording, title)
     stage = new_stage(recording, model, overlaid=overlaid)
     with replacing(path) as temporary:
-        stream.save(temporary, default_blueprint=_blueprint(recording, model, stage))
+        stream.save(temporary, default_blueprint=new_blueprint(recording, model, stage))
         _log_all(stream, recording, model, stage)
         stream.disconnect()
     return path
@@ -57,7 +57,7 @@ def spawn(recording: Recording, model: ArmModel, *, title: str | None = None, ov
     """Open the viewer with a recording; it stays open when this process ends. Arguments as of ``write_rrd``."""
     stream = new_stream(recording, recording.source if title is None else title)
     stage = new_stage(recording, model, overlaid=overlaid)
-    stream.spawn(default_blueprint=_blueprint(recording, model, stage))
+    stream.spawn(default_blueprint=new_blueprint(recording, model, stage))
     _log_all(stream, recording, model, stage)
     stream.disconnect()
 
@@ -81,6 +81,15 @@ def new_stage(recording: Recording, model: ArmModel, *, overlaid: bool = False) 
     if not arms:
         return scene.Stage.facing(np.empty((0, 3)), overlaid=overlaid)
     return scene.Stage.facing(_flange_poses(recording, model)[:, :3, 3], overlaid=overlaid)
+
+
+def new_blueprint(recording: Recording, model: ArmModel, stage: Stage) -> rr.blueprint.Blueprint:
+    """The layout of the viewer's window for a whole recording: its plots, their lines and limits."""
+    _need_rerun()
+    from ur5_twin.views import rerun_plots as plots
+
+    found = wrenches.find(recording, _flange_poses(recording, model), model.tool)
+    return plots.blueprint(recording.robot, found, stage)
 
 
 def log_static(stream: rr.RecordingStream, recording: Recording, model: ArmModel, stage: Stage) -> None:
@@ -130,13 +139,6 @@ def _log_all(stream: rr.RecordingStream, recording: Recording, model: ArmModel, 
     log_static(stream, recording, model, stage)
     scene.log_paths(stream, model, scene.arms_in(recording.robot), recording.robot)
     log_rows(stream, recording, model)
-
-
-def _blueprint(recording: Recording, model: ArmModel, stage: Stage) -> rr.blueprint.Blueprint:
-    from ur5_twin.views import rerun_plots as plots
-
-    found = wrenches.find(recording, _flange_poses(recording, model), model.tool)
-    return plots.blueprint(recording.robot, found, stage)
 
 
 def _flange_poses(recording: Recording, model: ArmModel) -> np.ndarray:

@@ -14,9 +14,11 @@ TARGET = "#8a8f98"
 TWIN = "#ec7014"
 #: A second thing the twin says of the same quantity.
 TWIN_TOO = "#b05cc6"
+#: The force sensor: seen against the measured arm.
+SENSOR = "#cda300"
 TRUTH = "#1ba36b"
 #: Estimators, in the order in which they are met.
-ESTIMATES = (TWIN, TWIN_TOO, "#c9a800", "#d4526e")
+ESTIMATES = (TWIN, TWIN_TOO, "#d4526e", "#7a5c3e")
 
 WRENCH_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 WRENCH_UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
@@ -47,10 +49,6 @@ class Difference:
     minus: str
     label: str
     colour: str
-
-    def values(self, table: Table) -> np.ndarray:
-        """(n, width) in the columns' own unit; NaN where either is."""
-        return table[self.of] - table[self.minus]
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,10 @@ class Quantity:
     def differences_in(self, table: Table) -> list[Difference]:
         """The differences that the table allows, the twin's first."""
         return [item for item in self.differences if has(table, item.of) and has(table, item.minus)]
+
+    def error(self, difference: Difference, table: Table) -> np.ndarray:
+        """(n, width) a difference in ``error_unit``; NaN where one of its columns is."""
+        return (table[difference.of] - table[difference.minus]) * self.error_scale
 
     def error_name(self, difference: Difference) -> str:
         """Name of a difference in ``error_unit`` as a column, with the unit in it."""

@@ -9,7 +9,7 @@ import numpy as np
 from ur5_twin import spatial
 from ur5_twin.arm.parameters import Tool
 from ur5_twin.recording.table import Recording, Table
-from ur5_twin.views.style import ESTIMATES, MEASURED, TARGET, TRUTH, has
+from ur5_twin.views.style import ESTIMATES, SENSOR, TARGET, TRUTH, has
 
 #: The sensor's reading of this long from its beginning is taken for its bias, s.
 TARE_TIME = 0.3
@@ -49,7 +49,7 @@ def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.nda
         found.append(Wrench("controller", "controller's estimate", TARGET, aligned["actual_TCP_force"]))
     if has(aligned, "ft_wrench"):
         unloaded = sensor_bias(recording) if bias is None else bias
-        found.append(Wrench("sensor", "force sensor", MEASURED, _on_arm(aligned["ft_wrench"], X_BF, tool, unloaded)))
+        found.append(Wrench("sensor", "force sensor", SENSOR, _on_arm(aligned["ft_wrench"], X_BF, tool, unloaded)))
     estimates = [name for name in sorted(aligned.columns) if name.startswith("est_") and _is_wrench(aligned, name)]
     for number, name in enumerate(estimates):
         label = name.removeprefix("est_").removesuffix("_wrench").replace("_", " ")
