@@ -33,7 +33,7 @@ def main() -> None:
     print("              +- " + ", ".join(f"{value:.0e}    " for value in fit.rotor_inertia_std) + "\n")
     print("MAE of target_moment in uNm, predicted by a fit on all other logs:\n")
     print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
-    held_out = held_out_moment(recordings, load_model("c"), load_model("controller")) * 1e6
+    held_out = held_out_moment(recordings, load_model("c")) * 1e6
     for unseen, mae in zip(recordings, held_out, strict=True):
         print(f"| {unseen.source} | " + " | ".join(f"{value:.2f}" for value in mae) + " |")
 

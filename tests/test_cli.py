@@ -140,6 +140,78 @@ def test_replay_of_the_demo_and_of_its_own_output(run: Run) -> None:
         assert np.array_equal(values, second[name]), name
 
 
+def test_an_output_folder_that_cannot_be_one_is_refused_first(run: Run, lab_logs: Path) -> None:
+    Path("taken").write_text("mine")
+    code, _, err = run("replay", "demo", "--out", "taken")
+    assert code == 2
+    assert "taken is a file" in err
+    assert Path("taken").read_text() == "mine"
+    log = lab_logs / "Movement_No3_Acc"
+    code, _, err = run("replay", log, "--out", log / "csv_files")
+    assert code == 2
+    assert "log's own folder" in err
+
+
+def test_an_earlier_runs_files_do_not_stay(run: Run) -> None:
+    Path("out/figures").mkdir(parents=True)
+    Path("out/figures/old.png").write_bytes(b"old")
+    Path("out/twin.rrd").write_bytes(b"old")
+    Path("out/mine.txt").write_text("mine")
+    code, _, _ = run("replay", "demo", "--out", "out", "--no-rerun", "--no-figures")
+    assert code == 0
+    assert not Path("out/twin.rrd").exists()
+    assert not Path("out/figures/old.png").exists()
+    assert Path("out/mine.txt").exists()
+
+
+def test_a_tool_the_controller_does_not_know(run: Run, lab_logs: Path) -> None:
+    """The lab's controller was not told of the force sensor: its target torque is that of the bare arm."""
+    log = lab_logs / "Movement_No9_Singularity_Free_ForceSensor"
+    quiet = ["--no-rerun", "--no-figures", "--out", "out"]
+    mae = {}
+    for payload in ("none", "ati_gamma"):
+        code, _, _ = run("replay", log, "--tool", "ati_gamma", "--payload", payload, *quiet)
+        assert code == 0
+        mae[payload] = max(json.loads(Path("out/report.json").read_text())["target_moment"]["mae_nm"])
+    assert mae["none"] < 1e-4
+    assert mae["ati_gamma"] > 1.0
+
+
+def test_a_time_in_milliseconds_is_refused(run: Run) -> None:
+    from dataclasses import replace
+
+    from ur5_twin.recording import write_parquet
+    from ur5_twin.resources import data_dir
+
+    demo = read(data_dir("replay") / "demo")
+    write_parquet(demo.with_table(replace(demo.robot, time=demo.robot.time * 1e3)), Path("ms.parquet"))
+    code, _, err = run("replay", "ms.parquet", "--out", "out")
+    assert code == 2
+    assert "in seconds" in err
+
+
+def test_servo_names_the_targets_a_log_lacks_and_shadow_says_what_it_did(run: Run) -> None:
+    header = ["timestamp", *(f"{name}_{j}" for name in ("actual_q", "actual_qd") for j in range(6))]
+    rows = [",".join(["%.3f" % (100 + 0.008 * k), *["0.1"] * 6, *["0.0"] * 6]) for k in range(50)]
+    Path("mine.csv").write_text("\n".join([",".join(header), *rows]) + "\n")
+    code, _, err = run("replay", "mine.csv")
+    assert code == 2
+    assert "no target_q, target_qd, target_qdd" in err
+    assert "shadow" in err
+    code, _, _ = run("replay", "mine.csv", "--mode", "shadow", "--no-rerun", "--no-figures", "--out", "out")
+    assert code == 0
+    report = json.loads(Path("out/report.json").read_text())
+    assert any("slope of actual_qd" in note["what"] for note in report["notes"])
+    assert "target_moment" not in report
+
+
+def test_numbers_that_are_none_are_refused(run: Run) -> None:
+    Path("mine.toml").write_text("[mine]\nsource = 'x'\nkappa0 = [1, 1, 1, inf, 1, 1]\nkappa1 = [1, 1, 1, 1, 1, 1]")
+    code, _, err = run("replay", "demo", "--gains", "mine.toml")
+    assert code == 2
+    assert "mine.kappa0[3] is not a finite number" in err
+
+
 def test_shadow_replay(run: Run) -> None:
     arguments = ["demo", "--mode", "shadow", "--model", "plant", "--no-figures", "--no-rerun", "--out", "out"]
     code, _, _ = run("replay", *arguments)

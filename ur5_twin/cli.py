@@ -78,7 +78,7 @@ def main() -> None:
     except OSError as error:
         _stop(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
     if code == _INTERRUPTED:
-        _stop("stopped: nothing was written", _INTERRUPTED)
+        _stop("stopped", _INTERRUPTED)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -147,7 +147,13 @@ def replay(
     ] = None,
     drive: Annotated[str, typer.Option(help="Map from torque to motor current: a preset's name or a TOML.")] = "thesis",
     tool: Annotated[
-        str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange, part of both models.")
+        str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange of the simulated arm.")
+    ] = "none",
+    payload: Annotated[
+        str,
+        typer.Option(
+            autocompletion=_complete_tools, help="Tool that the real controller was told of: part of target_moment."
+        ),
     ] = "none",
     mode: Annotated[
         Mode,
@@ -175,12 +181,12 @@ def replay(
 
     if rerun or spawn:
         _need_rerun()
-    settings = _settings(model, plant, gains, drive, target_current, tool, mode)
+    settings = _settings(model, plant, gains, drive, target_current, tool, payload, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
+    folder = _output_folder(out, recording, source)
     with _progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
-    folder = out if out is not None else Path("out") / recording.source
     report = _write(replayed, settings, folder, rerun=_has_rerun() if rerun is None else rerun, figures=figures)
     _summary(report, folder)
     if spawn:
@@ -236,11 +242,11 @@ def identify_controller(
     from ur5_twin.identification import controller, results
 
     recordings = _read_all(logs, repair)
-    model, base = load_model("c"), load_model("controller")
+    model = load_model("c")
     fit = controller.fit_rigid(recordings, model)
-    held_out = controller.held_out_moment(recordings, model, base) if len(recordings) > 1 else None
-    command = f"ur5-twin identify controller {' '.join(recording.source for recording in recordings)}"
-    _write_identified(results.controller_result(fit, held_out, base, recordings, command), out)
+    held_out = controller.held_out_moment(recordings, model) if len(recordings) > 1 else None
+    result = results.controller_result(fit, held_out, load_model("controller"), recordings, _command())
+    _write_identified(result, out)
 
 
 @identify.command("controller-current", epilog=_IDENTIFY_EXAMPLES)
@@ -257,13 +263,23 @@ def identify_controller_current(
 
     recordings = _read_all(logs, repair)
     fit = controller.fit_target_current(recordings)
-    command = f"ur5-twin identify controller-current {' '.join(recording.source for recording in recordings)}"
-    _write_identified(results.current_result(fit, recordings, command), out)
+    _write_identified(results.current_result(fit, recordings, _command()), out)
+
+
+def _command() -> str:
+    """The command line as it was given, for provenance."""
+    import shlex
+
+    return shlex.join(["ur5-twin", *sys.argv[1:]])
 
 
 def _read_all(logs: list[Path], repair: bool) -> list[Recording]:
+    from ur5_twin.errors import IdentificationError
     from ur5_twin.recording import read
 
+    twice = [str(path) for k, path in enumerate(logs) if path.resolve() in [other.resolve() for other in logs[:k]]]
+    if twice:
+        raise IdentificationError(f"{twice[0]} is given twice: a log cannot be checked against itself")
     recordings = []
     with _progress("read", len(logs)) as advance:
         for done, path in enumerate(logs, start=1):
@@ -300,7 +316,14 @@ def fetch(
 
 
 def _settings(
-    model: str, plant: str | None, gains: str, drive: str, target_current: Path | None, tool: str, mode: Mode
+    model: str,
+    plant: str | None,
+    gains: str,
+    drive: str,
+    target_current: Path | None,
+    tool: str,
+    payload: str,
+    mode: Mode,
 ) -> ReplaySettings:
     from ur5_twin.arm.drive import load_drive
     from ur5_twin.arm.parameters import load_model
@@ -309,13 +332,25 @@ def _settings(
     from ur5_twin.twin.replay import ReplaySettings
 
     return ReplaySettings(
-        model=load_model(model, tool),
-        plant=load_model(plant or model, tool),
+        model=load_model(model, payload),
+        plant=load_model(model if plant is None else plant, tool),
         gains=load_gains(gains),
         drive=load_drive(drive),
         target_current=load_target_current_law(target_current),
         mode=mode.value,
     )
+
+
+def _output_folder(out: Path | None, recording: Recording, log: Path) -> Path:
+    """The folder to write to, refused before any work is done if it cannot be one."""
+    from ur5_twin.errors import ReplayError
+
+    folder = out if out is not None else Path("out") / recording.source
+    if folder.exists() and not folder.is_dir():
+        raise ReplayError(f"--out {folder} is a file; give a folder")
+    if recording.format == "lab_csv" and log.is_dir() and folder.resolve().is_relative_to(log.resolve()):
+        raise ReplayError(f"--out {folder} lies in the log's own folder; give another, logs are not written to")
+    return folder
 
 
 def _has_rerun() -> bool:
@@ -365,8 +400,11 @@ def _write(
     from ur5_twin.evaluation import replay_report
     from ur5_twin.recording import write_parquet
 
-    folder.mkdir(parents=True, exist_ok=True)
     report = replay_report.summarise(recording, settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    # What an earlier run left here must not be taken for this one's.
+    for stale in (folder / "report.json", folder / "report.md", folder / "twin.rrd", *folder.glob("figures/*.png")):
+        stale.unlink(missing_ok=True)
     write_parquet(recording, folder / "recording.parquet")
     drawn: list[Path] = []
     if figures:

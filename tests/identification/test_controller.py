@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import load_target_current_law
-from ur5_twin.identification.controller import fit_rigid, fit_target_current
+from ur5_twin.identification.controller import fit_rigid, fit_target_current, held_out_moment
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording, Table
 
@@ -47,6 +46,31 @@ def test_recovers_the_model_it_was_made_from() -> None:
     assert np.allclose(fit.rotor_inertia, truth.rotor_inertia, atol=1e-9)
 
 
+def test_recovers_a_controller_that_knows_the_tensors() -> None:
+    truth = load_model("plant")
+    made = []
+    for seed in (1, 2):
+        recording = synthetic(seed)
+        robot = recording.robot
+        moment = Dynamics(truth).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
+        made.append(recording.with_table(robot.with_columns({"target_moment": moment})))
+    fit = fit_rigid(made, load_model("c"))
+    assert fit.knows_tensors
+    assert fit.tensor_share == pytest.approx(1.0, abs=1e-6)
+    # Table 4.2's -1.159 mm; the fit is linear about zero, and the torque is not quite.
+    assert fit.link6_z == pytest.approx(-1.159e-3, abs=2e-6)
+    assert held_out_moment(made, load_model("c")).max() < 1e-4
+
+
+def test_a_log_that_others_cannot_predict_is_left_out(lab_logs: Path) -> None:
+    logs = [
+        read(lab_logs / f"Movement_{name}") for name in ("No6_Acc_slow_Verify_Model", "No10_Standstill_ForceSensor_Fx")
+    ]
+    errors = held_out_moment(logs, load_model("c"))
+    assert np.isnan(errors[0]).all()
+    assert (errors[1] < 1e-4).all()
+
+
 def test_recovers_the_current_law_it_was_made_from() -> None:
     fit = fit_target_current([synthetic(1), synthetic(2)])
     truth = load_target_current_law()
@@ -62,9 +86,7 @@ def test_two_real_logs_predict_the_others(lab_logs: Path) -> None:
         fit = fit_rigid(pair, load_model("c"))
         assert abs(fit.tensor_share) < 1e-4
         assert abs(fit.link6_z) < 1e-5
-        base = load_model("controller")
-        found = replace(base, gravity=fit.gravity, rotor_inertia=fit.rotor_inertia)
-        dynamics = Dynamics(found)
+        dynamics = Dynamics(fit.arm(load_model("c")))
         for other in moving:
             if any(other is used for used in pair):
                 continue
@@ -76,11 +98,14 @@ def test_two_real_logs_predict_the_others(lab_logs: Path) -> None:
 
 
 def test_the_current_law_leaves_nothing_but_temperature(lab_logs: Path) -> None:
-    moving = [read(folder) for folder in sorted(lab_logs.glob("Movement_No[3459]*"))]
+    moving = [read(folder) for folder in sorted(lab_logs.glob("Movement_No[34569]*"))]
     fit = fit_target_current(moving)
     # With its own viscous coefficients each log is explained to a few milliampere: what is left is the steps of the
-    # temperature within the log.
-    assert fit.mae.max() < 0.005
+    # temperature within the log. On No6 joint 1 turns for long without torque, where the log's rounding hides the branch.
+    assert np.sort(fit.mae, axis=None)[-2] < 0.005
+    assert fit.mae.max() < 0.015
     assert np.allclose(fit.load, [0.015] * 3 + [0.0] * 3, atol=1e-3)
     shipped = load_target_current_law()
-    assert np.allclose(fit.torque_constant, shipped.torque_constant, rtol=2e-3)
+    # The shipped file holds this fit to the digits that the benchmark prints.
+    assert np.allclose(fit.torque_constant, shipped.torque_constant, atol=1e-4)
+    assert np.allclose(fit.viscous_mean, [shipped.viscous_driving, shipped.viscous_backdriven], atol=1e-4)

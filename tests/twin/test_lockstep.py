@@ -126,6 +126,33 @@ def test_a_wrong_model_shows_in_the_tracking() -> None:
     assert np.abs(wrong - targets[:, 0]).max() > 20 * np.abs(right - targets[:, 0]).max()
 
 
+@pytest.mark.parametrize(("tick", "substep"), [(0.008, 0.002), (0.008, 0.0005), (0.002, 0.002)])
+def test_an_unknown_load_pulls_the_loop_off_by_what_statics_say(tick: float, substep: float) -> None:
+    """At rest K0 e = M^-1 (g of the controller - g of the plant), whatever the steps."""
+    gains = load_gains()
+    controller, plant = load_model("controller"), load_model("controller", "ati_gamma")
+    closed = ClosedLoop(controller, plant, gains, substep=substep)
+    still = np.stack([HOME, np.zeros(6), np.zeros(6)])
+    closed.reset(HOME, np.zeros(6))
+    for _ in range(round(15.0 / tick)):
+        closed.advance(still, still, tick)
+    q = closed.state(still).q
+    unknown = Dynamics(controller).gravity(q) - Dynamics(plant).gravity(q)
+    expected = np.linalg.solve(Dynamics(controller).mass_matrix(q), unknown) / gains.kappa0
+    assert np.abs(expected).max() > 0.04
+    # The slow pole of 1 1/s has 3e-7 of the way left after 15 s.
+    assert np.allclose(q - HOME, expected, atol=1e-6)
+
+
+def test_a_step_no_arm_can_make_is_an_error() -> None:
+    closed = loop()
+    closed.reset(HOME, np.zeros(6))
+    still = np.stack([HOME, np.zeros(6), np.zeros(6)])
+    degrees = still * 57.3
+    with pytest.raises(ReplayError, match="is it in rad"):
+        closed.advance(still, degrees, TICK)
+
+
 def test_the_twin_does_not_know_the_future() -> None:
     t = np.arange(100) * TICK
     targets = sinusoids(t)
@@ -234,5 +261,5 @@ def test_instability_is_reported() -> None:
         for _ in range(200):
             closed.advance(start, start, TICK)
 
-    with pytest.raises(ReplayError, match="unstable"):
+    with pytest.raises(ReplayError, match="diverged"):
         run()

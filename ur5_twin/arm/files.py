@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -184,16 +185,30 @@ def choose(choice: str | Path, shipped: str, kind: type[T], what: str) -> tuple[
         raise ModelError(unknown(what, str(choice), presets) + ", or give the path of a .toml file")
     own = convert(_load(path), dict[str, kind], path.name)  # type: ignore[valid-type]
     if len(own) != 1:
-        raise ModelError(f"{path.name}: {len(own)} tables, expected one [name] with the keys of {shipped}")
+        raise ModelError(f"{path.name}: {len(own)} tables ({', '.join(own)}), expected one with the keys of {shipped}")
     return next(iter(own.items()))
 
 
 def convert(data: Any, kind: type[T], where: str) -> T:
     """Check parsed data against a layout; ``where`` names the file in the error."""
+    if (bad := _not_finite(data)) is not None:
+        raise ModelError(f"{where}: {bad} is not a finite number")
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise ModelError(f"{where}: {_explain(str(error), kind)}") from None
+
+
+def _not_finite(data: Any, path: str = "") -> str | None:
+    """The key of the first number in parsed TOML that is inf or nan; None if there is none."""
+    if isinstance(data, float):
+        return None if math.isfinite(data) else path
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        found = _not_finite(value, f"{path}[{key}]" if isinstance(data, list) else f"{path}.{key}".lstrip("."))
+        if found is not None:
+            return found
+    return None
 
 
 def _explain(message: str, kind: Any) -> str:

@@ -191,7 +191,8 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
             raise ModelError(f"{path.name}: give either 'links' or 'links_from', not both")
         # A user's file may build on one of ours.
         beside = path.parent / spec.links_from
-        origin = beside if beside.exists() else files.model_path(spec.links_from)
+        shipped = files.model_path(spec.links_from)
+        origin = shipped if shipped.exists() and not beside.exists() else beside
         link_specs = files.read(origin, files.ModelFile).links
     if len(link_specs) != N_JOINTS:
         raise ModelError(f"{path.name}: {len(link_specs)} links, a UR5 has {N_JOINTS}")

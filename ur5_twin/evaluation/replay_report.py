@@ -66,7 +66,8 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
         "mode": settings.mode,
         "model": settings.model.name,
         "plant": settings.plant.name,
-        "tool": settings.model.tool.name if settings.model.tool else "none",
+        "tool": settings.plant.tool.name if settings.plant.tool else "none",
+        "payload": settings.model.tool.name if settings.model.tool else "none",
         "gains": settings.gains.name,
         "drive": settings.drive.name,
         "samples": len(robot),
@@ -92,6 +93,13 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
     }
     report["notes"] = [{"where": n.where, "what": n.what} for n in recording.notes if not n.repaired]
     report["repairs"] = [{"where": n.where, "what": n.what} for n in recording.notes if n.repaired]
+    report["sources"] = {
+        "model": settings.model.source,
+        "plant": settings.plant.source,
+        "gains": settings.gains.source,
+        "drive": settings.drive.source,
+        "target_current": settings.target_current.source,
+    }
     report["versions"] = versions()
     return report
 
@@ -108,7 +116,7 @@ def versions() -> dict[str, str]:
 
 
 def render_json(report: dict[str, Any]) -> str:
-    return json.dumps(report, indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
@@ -128,6 +136,8 @@ def short_number(value: float) -> str:
     """A number that is not negative in at most six characters, for a table."""
     if value == 0:
         return "0"
+    if not math.isfinite(value):
+        return "-"
     if value < 1e-4:
         return "<1e-4"
     return f"{value:.{max(0, min(4, 2 - math.floor(math.log10(value))))}f}"

@@ -26,6 +26,8 @@ _DZ = 1e-3
 _SHORTEST_MOTION = 10.0
 #: Target speed that counts as motion, rad/s.
 _MOVING = 1e-3
+#: Rows at rest under load from which a torque constant is taken; a few are ends of moves, not rest.
+_ENOUGH_REST = 500
 #: Signals each fit reads.
 _RIGID_SIGNALS = ("target_q", "target_qd", "target_qdd", "target_moment")
 _CURRENT_SIGNALS = ("target_qd", "target_moment", "target_current")
@@ -53,11 +55,16 @@ class RigidFit:
     rotor_inertia_std: np.ndarray
     mae: np.ndarray
 
-    def arm(self, base: ArmModel) -> ArmModel:
-        """The controller's model with the fitted gravity, rotors and link 6's centre, the rest from ``base``."""
-        flange = replace(base.links[5], center=np.array([0.0, 0.0, self.link6_z]))
-        links = (*base.links[:5], flange)
-        return replace(base, links=links, gravity=self.gravity, rotor_inertia=self.rotor_inertia)
+    @property
+    def knows_tensors(self) -> bool:
+        """Whether the controller computes with the link tensors: with all of them or with none."""
+        return self.tensor_share > 0.5
+
+    def arm(self, model: ArmModel) -> ArmModel:
+        """The controller's model: masses and centres of the ``model`` that was fitted, and what the fit found."""
+        links = [link if self.knows_tensors else replace(link, inertia=np.zeros((3, 3))) for link in model.links]
+        links[5] = replace(links[5], center=np.array([0.0, 0.0, self.link6_z]))
+        return replace(model, links=tuple(links), gravity=self.gravity, rotor_inertia=self.rotor_inertia)
 
 
 def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
@@ -72,7 +79,8 @@ def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
         model: masses, centres and the tensors to be scaled; its gravity is where the derivative in z is taken.
 
     Raises:
-        IdentificationError: a signal is missing, or a joint moves for less than 10 s in all of the logs.
+        IdentificationError: a signal is missing, a joint moves for less than 10 s in all of the logs, or a rotor
+            inertia comes out negative.
     """
     _check(recordings, _RIGID_SIGNALS)
     robots = [recording.robot for recording in recordings]
@@ -99,6 +107,12 @@ def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
     solution = np.linalg.lstsq(a, b, rcond=None)[0]
     residual = left - columns @ solution
     std = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * np.mean((b - a @ solution) ** 2))
+    rotors, rotors_std = solution[3:], std[3:]
+    if (rotors < -3.0 * rotors_std).any():
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(rotors < -3.0 * rotors_std))
+        raise IdentificationError(
+            f"the rotor inertia of joint {joints} comes out negative: target_moment is not that of the given masses"
+        )
     return RigidFit(
         gravity=float(solution[0]),
         gravity_std=float(std[0]),
@@ -106,8 +120,8 @@ def fit_rigid(recordings: Sequence[Recording], model: ArmModel) -> RigidFit:
         tensor_share_std=float(std[1]),
         link6_z=float(solution[2]),
         link6_z_std=float(std[2]),
-        rotor_inertia=solution[3:],
-        rotor_inertia_std=std[3:],
+        rotor_inertia=np.maximum(rotors, 0.0),
+        rotor_inertia_std=rotors_std,
         mae=np.abs(residual).mean(axis=0),
     )
 
@@ -139,7 +153,7 @@ class CurrentFit:
 
 
 def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
-    """target_current = tau / k + load |tau| sgn(qd) + viscous qd, viscous per log and per branch.
+    """target_current = tau / k + load |tau| sgn(qd) + viscous qd, k from the rows at rest, viscous per log and branch.
 
     The branches are those of ``control.target_current.driving_share``. Rows in motion with less torque than
     ``_UNLOADED`` tell nothing about them, since the log's rounding hides the sign; the fit leaves them out, the errors
@@ -156,7 +170,8 @@ def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
     mae, mae_common = np.empty((count, 6)), np.empty((count, 6))
     viscous_mean = np.empty((2, 6))
     for joint in range(6):
-        blocks = []
+        at_rest = _constant_at_rest(robots, joint)
+        blocks, current = [], []
         for k, robot in enumerate(robots):
             tau, qd = robot["target_moment"][:, joint], robot["target_qd"][:, joint]
             block = np.zeros((len(robot), 2 + 2 * count))
@@ -164,16 +179,18 @@ def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
             driving = driving_share(tau, qd)
             block[:, 2 + k], block[:, 2 + count + k] = driving * qd, (1.0 - driving) * qd
             blocks.append(block)
-        current = [robot["target_current"][:, joint] for robot in robots]
+            current.append(robot["target_current"][:, joint])
         told = [
             (np.abs(robot["target_moment"][:, joint]) > _UNLOADED) | (robot["target_qd"][:, joint] == 0)
             for robot in robots
         ]
-        solution = np.linalg.lstsq(
-            np.concatenate([block[rows] for block, rows in zip(blocks, told, strict=True)]),
-            np.concatenate([i[rows] for i, rows in zip(current, told, strict=True)]),
-            rcond=None,
-        )[0]
+        a = np.concatenate([block[rows] for block, rows in zip(blocks, told, strict=True)])
+        b = np.concatenate([i[rows] for i, rows in zip(current, told, strict=True)])
+        if at_rest is None:
+            solution = np.linalg.lstsq(a, b, rcond=None)[0]
+        else:
+            moving = np.linalg.lstsq(a[:, 1:], b - a[:, 0] / at_rest, rcond=None)[0]
+            solution = np.concatenate([[1.0 / at_rest], moving])
         constant[joint], load[joint] = 1.0 / solution[0], solution[1]
         viscous[:, :, joint] = solution[2:].reshape(2, count)
         viscous_mean[:, joint] = _mean_moving(viscous[:, :, joint], robots, joint)
@@ -183,6 +200,17 @@ def fit_target_current(recordings: Sequence[Recording]) -> CurrentFit:
     return CurrentFit(constant, load, viscous, mae, mae_common, viscous_mean)
 
 
+def _constant_at_rest(robots: Sequence, joint: int) -> float | None:
+    """Torque constant in Nm/A from the rows at rest, which no temperature disturbs; None for a joint without load."""
+    still = [
+        (robot["target_qd"] == 0).all(axis=1) & (np.abs(robot["target_moment"][:, joint]) > 0.1) for robot in robots
+    ]
+    tau = np.concatenate([robot["target_moment"][rows, joint] for robot, rows in zip(robots, still, strict=True)])
+    current = np.concatenate([robot["target_current"][rows, joint] for robot, rows in zip(robots, still, strict=True)])
+    # The median: the last tick of a move looks like rest and still has its friction in the current.
+    return float(np.median(tau / current)) if len(tau) >= _ENOUGH_REST else None
+
+
 def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarray:
     """(2,) mean of the logs' coefficients, each log counted by the way its joint travels."""
     travel = np.array([np.abs(robot["target_qd"][:, joint]).sum() for robot in robots])
@@ -190,21 +218,23 @@ def _mean_moving(viscous: np.ndarray, robots: Sequence, joint: int) -> np.ndarra
     return viscous[:, moved] @ travel[moved] / travel[moved].sum()
 
 
-def held_out_moment(recordings: Sequence[Recording], model: ArmModel, base: ArmModel) -> np.ndarray:
-    """MAE (n_logs, 6) in Nm of each log's target_moment by a fit on all the other logs.
+def held_out_moment(recordings: Sequence[Recording], model: ArmModel) -> np.ndarray:
+    """MAE (n_logs, 6) in Nm of each log's target_moment by a fit on all the other logs; NaN where they cannot carry it.
 
     Args:
         recordings: two logs or more.
         model: what ``fit_rigid`` takes.
-        base: what the fitted numbers are put into (``RigidFit.arm``).
     """
-    errors = []
+    errors = np.full((len(recordings), 6), np.nan)
     for k, unseen in enumerate(recordings):
         others = [recording for i, recording in enumerate(recordings) if i != k]
-        dynamics = Dynamics(fit_rigid(others, model).arm(base))
+        try:
+            dynamics = Dynamics(fit_rigid(others, model).arm(model))
+        except IdentificationError:
+            continue
         q, qd, qdd, moment = (unseen.robot[name] for name in _RIGID_SIGNALS)
-        errors.append(mean_absolute(moment, dynamics.inverse(q, qd, qdd)))
-    return np.array(errors)
+        errors[k] = mean_absolute(moment, dynamics.inverse(q, qd, qdd))
+    return errors
 
 
 def _check(recordings: Sequence[Recording], signals: Sequence[str]) -> None:

@@ -49,7 +49,7 @@ def controller_result(
 ) -> Result:
     """The controller's rigid-body model as a file that ``--model`` takes; ``held_out`` is ``held_out_moment``'s."""
     source = f"identified from target_moment of {_names(recordings)}"
-    knows = "cylinders" if fit.tensor_share > _ALL_TENSORS else "point"
+    knows = "cylinders" if fit.knows_tensors else "point"
     model = {
         "name": "identified-controller",
         "title": "A controller's own model, identified",
@@ -84,6 +84,8 @@ def controller_result(
             "that share is neither none nor all: masses or centres differ from table 4.2's, or a payload is set"
         )
     errors = {} if held_out is None else {"target_moment, each log by a fit on all the others": held_out}
+    if held_out is not None and np.isnan(held_out).any():
+        findings.append("where the report has '-' instead of an error, the other logs alone could not carry the fit")
     shipped = f"With the model that ships ({base.name}) gravity is {base.gravity:g} m/s^2 and the rotors are "
     findings.append(shipped + ", ".join(f"{value:.6g}" for value in base.rotor_inertia) + " kg m^2")
     logs = tuple(recording.source for recording in recordings)
@@ -103,10 +105,10 @@ def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: st
         "viscous_backdriven_a_s_rad": law.viscous_backdriven.tolist(),
         "provenance": _provenance(recordings, command)
         | {
-            "viscous_by_log": {
-                name: {"driving_a_s_rad": driving.tolist(), "backdriven_a_s_rad": backdriven.tolist()}
+            "viscous_by_log": [
+                {"log": name, "driving_a_s_rad": driving.tolist(), "backdriven_a_s_rad": backdriven.tolist()}
                 for name, driving, backdriven in zip(logs, *fit.viscous, strict=True)
-            }
+            ]
         },
     }
     findings = [
@@ -131,7 +133,10 @@ def write(result: Result, folder: Path, figure: Path | None) -> None:
         "logs": result.logs,
         "findings": result.findings,
         "unit": result.unit,
-        "mae": {label: values.tolist() for label, values in result.errors.items()},
+        "mae": {
+            label: [row.tolist() if np.isfinite(row).all() else None for row in values]
+            for label, values in result.errors.items()
+        },
         "provenance": result.model["provenance"],
     }
     write_text(folder / "report.json", json.dumps(data, indent=2) + "\n")
@@ -145,7 +150,7 @@ def _markdown(result: Result, figure: Path | None) -> str:
         lines += ["", f"Mean absolute error of {label}, {result.unit}:", ""]
         lines += ["| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |", "|---|" + "---:|" * 6]
         lines += [
-            f"| {name} | " + " | ".join(f"{value:.2g}" for value in row) + " |"
+            f"| {name} | " + " | ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in row) + " |"
             for name, row in zip(result.logs, values, strict=True)
         ]
     if figure is not None:

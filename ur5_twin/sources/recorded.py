@@ -18,6 +18,9 @@ _STATE = ("actual_q", "actual_qd")
 class RecordedSource:
     """Samples of a recording, in order; their targets are None where the log lacks one of the three signals.
 
+    Attributes:
+        missing_targets: those of target_q, target_qd and target_qdd that the log lacks.
+
     Raises:
         ReplayError: the robot table lacks actual_q or actual_qd, or holds fewer than two rows.
     """
@@ -33,8 +36,8 @@ class RecordedSource:
             raise ReplayError(f"{recording.source}: {len(robot)} rows, a replay needs at least two")
         self._time: list[float] = robot.time.tolist()
         self._q, self._qd = (np.ascontiguousarray(robot[name]) for name in _STATE)
-        self.has_targets = all(name in robot for name in _TARGETS)
-        self._targets = np.stack([robot[name] for name in _TARGETS], axis=1) if self.has_targets else repeat(None)
+        self.missing_targets = tuple(name for name in _TARGETS if name not in robot)
+        self._targets = repeat(None) if self.missing_targets else np.stack([robot[name] for name in _TARGETS], axis=1)
 
     def __len__(self) -> int:
         return len(self._time)

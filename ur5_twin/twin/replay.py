@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from ur5_twin.control.target_current import TargetCurrentLaw
 from ur5_twin.errors import ReplayError
 from ur5_twin.recording.table import Note, Recording
 from ur5_twin.sources.recorded import RecordedSource
-from ur5_twin.twin.lockstep import ClosedLoop, ServoTwin, ShadowTwin
+from ur5_twin.twin.lockstep import LONGEST_GAP, ClosedLoop, ServoTwin, ShadowTwin
 
 Mode = Literal["servo", "shadow"]
 MODES: tuple[Mode, ...] = ("servo", "shadow")
@@ -25,6 +25,10 @@ MODES: tuple[Mode, ...] = ("servo", "shadow")
 _PROGRESS_EVERY = 250
 #: Steps of a target that are worth a word in the report, rad.
 _WORTH_A_NOTE = 1e-4
+#: Share of rows that a replay may begin again at.
+_MOST_RESTARTS = 0.1
+#: Where this module's notes say they are from.
+_NOTED_BY = "twin"
 
 
 @dataclass(frozen=True)
@@ -32,8 +36,8 @@ class ReplaySettings:
     """What the twin believes and does.
 
     Attributes:
-        model: the model the controller linearises with; target_moment and, in shadow replay, the needed torque too.
-        plant: the model that is simulated.
+        model: what the real controller believes, its payload as tool: predicts target_moment and target_current.
+        plant: the model that is simulated, with the tool it carries; in shadow replay the torque that a motion needs.
         gains: PD gains of the closed loop.
         drive: map from torque and velocity to actual_current.
         target_current: law from target_moment and target_qd to target_current.
@@ -67,8 +71,15 @@ def replay(
         ReplayError: a needed signal is missing, the clock does not increase or the simulation fails.
     """
     source = RecordedSource(recording)
-    loop = ClosedLoop(settings.model, settings.plant, settings.gains)
-    twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.model)
+    if settings.mode == "servo" and source.missing_targets:
+        raise ReplayError(
+            f"{recording.source}: servo replay follows targets, and the log has no "
+            f"{', '.join(source.missing_targets)}; use --mode shadow (mode='shadow')"
+        )
+    # The simulated loop knows its tool: with the thesis' soft gains one that it does not know would pull it off by
+    # centimetres, which the real servo does not let happen.
+    loop = ClosedLoop(settings.model.with_tool(settings.plant.tool), settings.plant, settings.gains)
+    twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
     q, qd, moment = (np.empty((len(source), 6)) for _ in range(3))
     for row, sample in enumerate(source):
         try:
@@ -89,16 +100,44 @@ def replay(
         "sim_moment": moment,
         "sim_actual_current": settings.drive.current(moment, motion_qd),
     }
-    if source.has_targets:
+    if not source.missing_targets:
         target_moment = Dynamics(settings.model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
         predicted["sim_target_moment"] = target_moment
         predicted["sim_target_current"] = settings.target_current.current(target_moment, robot["target_qd"])
-    notes = [
-        Note("twin", f"the robot was silent before {at:.3f} s for too long to bridge: the twin began again there")
-        for at in twin.restarts
-    ]
-    if settings.mode == "servo" and loop.largest_step.max() > _WORTH_A_NOTE:
+    begun_again = np.isin(robot.time, twin.restarts)
+    if begun_again.mean() > _MOST_RESTARTS:
+        raise ReplayError(
+            f"{recording.source}: the robot is silent for more than {LONGEST_GAP} s before {begun_again.sum()} of "
+            f"{len(robot)} rows, so there is nothing to replay in between; is its time in seconds?"
+        )
+    # Where the twin begins again it is where the log is, by definition.
+    for name in ("sim_actual_q", "sim_actual_qd", "sim_actual_TCP_pose"):
+        predicted[name][begun_again] = np.nan
+    earlier = {name: values for name, values in robot.columns.items() if not name.startswith("sim_")}
+    kept = [note for note in recording.notes if note.where != _NOTED_BY]
+    table = replace(robot, columns={**earlier, **predicted})
+    notes = _notes(source, settings.mode, loop, twin.restarts)
+    return replace(recording, tables={**recording.tables, "robot": table}, notes=(*kept, *notes))
+
+
+def _notes(source: RecordedSource, mode: Mode, loop: ClosedLoop, restarts: list[float]) -> list[Note]:
+    """What a reader of the report should know of this run."""
+    said = []
+    if restarts:
+        said.append(
+            f"the robot was silent for more than {LONGEST_GAP} s {len(restarts)} times, first before "
+            f"{restarts[0]:.3f} s: the twin began again from the log there"
+        )
+    if mode == "servo" and loop.largest_step.max() > _WORTH_A_NOTE:
         steps = ", ".join(f"{step * 1e3:.2g}" for step in loop.largest_step)
-        what = f"the targets step by up to [{steps}] mrad where no motion is asked for: the twin was set over with them"
-        notes.append(Note("twin", what))
-    return recording.with_table(robot.with_columns(predicted)).with_notes(notes)
+        speeds = ", ".join(f"{step:.2g}" for step in loop.largest_qd_step)
+        said.append(
+            f"the targets step instead of moving, by up to [{steps}] mrad and [{speeds}] rad/s from one sample to the "
+            "next: the twin was set over with them"
+        )
+    if source.missing_targets:
+        said.append(
+            f"the log has no {', '.join(source.missing_targets)}: the acceleration is the slope of actual_qd, and "
+            "target_moment and target_current are not predicted"
+        )
+    return [Note(_NOTED_BY, what) for what in said]

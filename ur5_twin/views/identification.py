@@ -18,7 +18,7 @@ def draw_errors(result: Result, path: Path) -> Path:
     figure = Figure(figsize=(10.0, 0.9 + 0.55 * len(names) * len(result.errors)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(result.errors), 1, sharex=True, squeeze=False)[:, 0]
-    largest = max(values.max() for values in result.errors.values())
+    largest = max(np.nanmax(values) for values in result.errors.values())
     smallest = min(values[values > 0].min(initial=largest) for values in result.errors.values())
     for panel, (label, values) in zip(panels, result.errors.items(), strict=True):
         for joint in range(6):
