@@ -22,6 +22,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", type=Path, help="a folder with one folder per movement")
     options = parser.parse_args()
+    if not any(options.logs.glob("Movement_*")):
+        parser.error(f"no Movement_* folder in {options.logs}")
     recordings = [read(folder) for folder in sorted(options.logs.glob("Movement_*"))]
 
     fit = fit_rigid(recordings, load_model("c"))

@@ -25,10 +25,13 @@ def main() -> None:
     parser.add_argument("--model", default="controller")
     parser.add_argument("--mode", default="servo", choices=MODES)
     options = parser.parse_args()
+    folders = sorted(options.logs.glob("Movement_*"))
+    if not folders:
+        parser.error(f"no Movement_* folder in {options.logs}")
     model = load_model(options.model)
     settings = ReplaySettings(model, model, load_gains(), load_drive(), load_target_current_law(), mode=options.mode)
     reports = []
-    for folder in sorted(options.logs.glob("Movement_*")):
+    for folder in folders:
         reports.append(summarise(replay(read(folder), settings), settings))
     for k, (label, unit, _) in enumerate(table_rows(reports[0])):
         print(f"**{label[0].upper()}{label[1:]}, {unit}**\n")

@@ -21,6 +21,8 @@ from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation.metrics import mean_absolute
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
+from ur5_twin.sources.recorded import RecordedSource
+from ur5_twin.twin.lockstep import ClosedLoop, ServoTwin
 from ur5_twin.twin.replay import ReplaySettings, replay
 
 RUNS = {"no disturbance": "Movement_No5_Acc_slow_no_disturbance", "disturbance": "Movement_No5_Acc_slow_w_disturbance"}
@@ -52,8 +54,9 @@ TITLES = {
 
 def variants() -> dict[str, ArmModel]:
     """Models beside the printed ones that show where a difference comes from."""
-    b, c = load_model("b"), load_model("c")
+    a, b, c = load_model("a"), load_model("b"), load_model("c")
     return {
+        "a, link 4's centre 1.9 mm back along its z": with_center(a, 3, a.links[3].center - [0.0, 0.0, 1.9e-3]),
         "b, link 6's centre as table 4.2 has it": with_center(b, 5, c.links[5].center),
         "c, link 5's centre without its 1.8 mm": with_center(c, 4, c.links[4].center * [1.0, 0.0, 1.0]),
     }
@@ -75,6 +78,13 @@ def errors(recording: Recording, model: ArmModel, gains: str) -> dict[str, np.nd
         "actual_qd": mean_absolute(robot["actual_qd"], robot["sim_actual_qd"]),
         "target_moment": mean_absolute(robot["target_moment"], robot["sim_moment"]),
     }
+
+
+def positions_without_set_over(recording: Recording, model: str) -> np.ndarray:
+    """MAE (6,) in rad of a loop that has to catch up with the target's steps by its gains."""
+    arm, source = load_model(model), RecordedSource(recording)
+    twin = ServoTwin(ClosedLoop(arm, arm, load_gains(f"thesis_{model}"), set_over=False))
+    return mean_absolute(recording.robot["actual_q"], np.array([twin.tick(sample).q for sample in source]))
 
 
 def row(*cells: object) -> str:
@@ -106,6 +116,12 @@ def main() -> None:
                 mae = ours[model, run][signal] * scale
                 cells = [f"{value:.{digits}f}" for value in mae]
                 print(row(model.upper(), f"ours, {run}", *cells))
+        if signal == "actual_q":
+            for model in "abc":
+                for run, log in logs.items():
+                    mae = positions_without_set_over(log, model) * scale
+                    name = f"ours, {run}, target's steps left to the gains"
+                    print(row(model.upper(), name, *(f"{value:.{digits}f}" for value in mae)))
         if signal == "target_moment":
             for (name, run), found in changed.items():
                 print(row(name.capitalize(), f"ours, {run}", *(f"{value:.{digits}f}" for value in found[signal])))

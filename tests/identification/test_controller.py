@@ -101,7 +101,7 @@ def test_the_current_law_leaves_nothing_but_temperature(lab_logs: Path) -> None:
     moving = [read(folder) for folder in sorted(lab_logs.glob("Movement_No[34569]*"))]
     fit = fit_target_current(moving)
     # With its own viscous coefficients each log is explained to a few milliampere: what is left is the steps of the
-    # temperature within the log. On No6 joint 1 turns for long without torque, where the log's rounding hides the branch.
+    # temperature within the log. On No6 joint 1 turns for long without torque, and rounding hides the branch.
     assert np.sort(fit.mae, axis=None)[-2] < 0.005
     assert fit.mae.max() < 0.015
     assert np.allclose(fit.load, [0.015] * 3 + [0.0] * 3, atol=1e-3)

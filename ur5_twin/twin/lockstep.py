@@ -59,18 +59,22 @@ class ClosedLoop:
         plant: the model that is simulated.
         gains: K0 and K1.
         substep: longest physics step, s; a tick is divided into as many equal steps as it takes.
+        set_over: set the arm over where the target steps; False leaves it to the gains to catch up.
 
     Attributes:
         largest_step: (6,) the largest step of each joint's target_q so far, rad.
         largest_qd_step: (6,) the largest step of its target_qd, rad/s.
     """
 
-    def __init__(self, controller: ArmModel, plant: ArmModel, gains: PDGains, substep: float = SUBSTEP) -> None:
+    def __init__(
+        self, controller: ArmModel, plant: ArmModel, gains: PDGains, substep: float = SUBSTEP, *, set_over: bool = True
+    ) -> None:
         self._packed = Dynamics(controller).packed
         self._limits = controller.limits.torque
         self._fastest = float(controller.limits.qd.max())
         self._kappa0, self._kappa1 = gains.kappa0, gains.kappa1
         self._substep = substep
+        self._set_over = set_over
         self._model = mjcf.compile(plant, collisions=False)
         # MuJoCo would otherwise put a diverged arm back to zero and go on.
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -103,8 +107,9 @@ class ClosedLoop:
         self._model.opt.timestep = h
         computed_torque.reference(before, after, dt, self._reference, self._step)
         self._count_steps(dt)
-        self._q += self._step[0]
-        self._qd += self._step[1]
+        if self._set_over:
+            self._q += self._step[0]
+            self._qd += self._step[1]
         if self._half_step == 0.0:
             self._settle_acceleration(h)
         self._qvel[:] = self._qd - 0.5 * h * self._qacc
