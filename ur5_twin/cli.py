@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ur5_twin import __version__
 from ur5_twin.errors import MissingExtraError, TwinError
+from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
     from ur5_twin.arm.parameters import ArmModel
@@ -177,18 +178,20 @@ def replay(
 ) -> None:
     """Replay a log through the twin, in lockstep, and report how they differ."""
     from ur5_twin.recording import read
+    from ur5_twin.terminal import show_replay
     from ur5_twin.twin.replay import replay as run
+    from ur5_twin.views.output import output_folder, write_replay
 
     if rerun or spawn:
         _need_rerun()
     settings = _settings(model, plant, gains, drive, target_current, tool, payload, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
-    folder = _output_folder(out, recording, source)
-    with _progress("replay", len(recording.robot)) as advance:
+    folder = output_folder(out, recording, source)
+    with progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
-    report = _write(replayed, settings, folder, rerun=_has_rerun() if rerun is None else rerun, figures=figures)
-    _summary(report, folder)
+    report = write_replay(replayed, settings, folder, rerun=_has_rerun() if rerun is None else rerun, figures=figures)
+    show_replay(report, folder)
     if spawn:
         from ur5_twin.views import rerun_view
 
@@ -281,7 +284,7 @@ def _read_all(logs: list[Path], repair: bool) -> list[Recording]:
     if twice:
         raise IdentificationError(f"{twice[0]} is given twice: a log cannot be checked against itself")
     recordings = []
-    with _progress("read", len(logs)) as advance:
+    with progress("read", len(logs)) as advance:
         for done, path in enumerate(logs, start=1):
             recordings.append(read(_shipped(path), repair=repair))
             advance(done)
@@ -309,7 +312,7 @@ def fetch(
     """Fetch public logs of a real UR5, at a pinned commit, and check every file."""
     from ur5_twin.fetch import fetch as run
 
-    with _progress("check", None) as advance:
+    with progress("check", None) as advance:
         folder = run(name, source=source, out=out, progress=advance)
     first = next(iter(sorted(p for p in folder.iterdir() if p.is_dir())))
     print(f"the logs lie in {folder}\nnext: ur5-twin replay {first} --rerun")
@@ -341,18 +344,6 @@ def _settings(
     )
 
 
-def _output_folder(out: Path | None, recording: Recording, log: Path) -> Path:
-    """The folder to write to, refused before any work is done if it cannot be one."""
-    from ur5_twin.errors import ReplayError
-
-    folder = out if out is not None else Path("out") / recording.source
-    if folder.exists() and not folder.is_dir():
-        raise ReplayError(f"--out {folder} is a file; give a folder")
-    if recording.format == "lab_csv" and log.is_dir() and folder.resolve().is_relative_to(log.resolve()):
-        raise ReplayError(f"--out {folder} lies in the log's own folder; give another, logs are not written to")
-    return folder
-
-
 def _has_rerun() -> bool:
     from importlib.util import find_spec
 
@@ -372,79 +363,6 @@ def _shipped(path: Path) -> Path:
 
     shipped = data_dir("replay") / path
     return shipped if shipped.is_dir() else path
-
-
-def _progress(label: str, total: int | None) -> Any:
-    """A progress bar as a context manager; it gives a function to call with the number done, and of how many if that
-    was not known before."""
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def bar() -> Any:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        console = Console(stderr=True)
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-            task = shown.add_task(label, total=total)
-            yield lambda done, of=total: shown.update(task, completed=done, total=of)
-
-    return bar()
-
-
-def _write(
-    recording: Recording, settings: ReplaySettings, folder: Path, *, rerun: bool, figures: bool
-) -> dict[str, Any]:
-    from ur5_twin.atomic import write_text
-    from ur5_twin.evaluation import replay_report
-    from ur5_twin.recording import write_parquet
-
-    report = replay_report.summarise(recording, settings)
-    folder.mkdir(parents=True, exist_ok=True)
-    # What an earlier run left here must not be taken for this one's.
-    for stale in (folder / "report.json", folder / "report.md", folder / "twin.rrd", *folder.glob("figures/*.png")):
-        stale.unlink(missing_ok=True)
-    write_parquet(recording, folder / "recording.parquet")
-    drawn: list[Path] = []
-    if figures:
-        from ur5_twin.views.figures import write_figures
-
-        drawn = write_figures(recording, folder / "figures", title=recording.source, tool=settings.plant.tool)
-    if rerun:
-        from ur5_twin.views import rerun_view
-
-        rerun_view.write_rrd(recording, settings.plant, folder / "twin.rrd", title=recording.source)
-    write_text(folder / "report.md", replay_report.render_markdown(report, drawn))
-    write_text(folder / "report.json", replay_report.render_json(report))
-    return report
-
-
-def _summary(report: dict[str, Any], folder: Path) -> None:
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-
-    from ur5_twin.arm.parameters import N_JOINTS
-    from ur5_twin.evaluation.replay_report import short_number, table_rows
-
-    table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
-    table.add_column("MAE per joint", no_wrap=True)
-    for joint in range(1, N_JOINTS + 1):
-        table.add_column(f"{joint}", justify="right", no_wrap=True)
-    for label, unit, values in table_rows(report):
-        table.add_row(f"{label}, {unit}", *map(short_number, values))
-    console = Console()
-    console.print(
-        f"{report['source']}: {report['mode']} replay with model {report['model']}, gains {report['gains']}, "
-        f"{report['samples']:,} samples in {report['duration_s']:.1f} s",
-        highlight=False,
-        markup=False,
-    )
-    console.print(table)
-    for item in (*report["notes"], *report["repairs"]):
-        console.print(f"- {item['where']}: {item['what']}", highlight=False, markup=False)
-    console.print(f"written to {folder}", highlight=False, markup=False)
 
 
 def _view(arm: ArmModel, scene: bool) -> None:

@@ -117,6 +117,10 @@ def replay(
     kept = [note for note in recording.notes if note.where != _NOTED_BY]
     table = replace(robot, columns={**earlier, **predicted})
     notes = _notes(source, settings.mode, loop, twin.restarts)
+    at_limit = (np.abs(moment) >= settings.model.limits.torque).any(axis=1)
+    if settings.mode == "servo" and at_limit.any():
+        what = f"a motor of the twin is at its torque limit in {at_limit.sum():,} of {len(robot):,} rows"
+        notes.append(Note(_NOTED_BY, what))
     return replace(recording, tables={**recording.tables, "robot": table}, notes=(*kept, *notes))
 
 

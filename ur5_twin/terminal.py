@@ -1,0 +1,52 @@
+"""What the command line shows: progress and tables. Rich is imported where something is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+
+@contextmanager
+def progress(label: str, total: int | None) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr, shown if that is a terminal.
+
+    Gives a function to call with the number done, and with of how many if that was not known before.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task = shown.add_task(label, total=total)
+        yield lambda done, of=total: shown.update(task, completed=done, total=of)
+
+
+def show_replay(report: dict[str, Any], folder: Path) -> None:
+    """The table of a replay's report, what was found in the log, and where the rest is."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from ur5_twin.arm.parameters import N_JOINTS
+    from ur5_twin.evaluation.replay_report import short_number, table_rows
+
+    table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
+    table.add_column("MAE per joint", no_wrap=True)
+    for joint in range(1, N_JOINTS + 1):
+        table.add_column(f"{joint}", justify="right", no_wrap=True)
+    for label, unit, values in table_rows(report):
+        table.add_row(f"{label}, {unit}", *map(short_number, values))
+    console = Console()
+    console.print(
+        f"{report['source']}: {report['mode']} replay with model {report['model']}, gains {report['gains']}, "
+        f"{report['samples']:,} samples in {report['duration_s']:.1f} s",
+        highlight=False,
+        markup=False,
+    )
+    console.print(table)
+    for item in (*report["notes"], *report["repairs"]):
+        console.print(f"- {item['where']}: {item['what']}", highlight=False, markup=False)
+    console.print(f"written to {folder}", highlight=False, markup=False)

@@ -1,0 +1,62 @@
+"""The output folder of a replay: recording, report, figures and the Rerun recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ur5_twin.atomic import write_text
+from ur5_twin.errors import ReplayError
+from ur5_twin.evaluation import replay_report
+from ur5_twin.recording import write_parquet
+from ur5_twin.recording.table import Recording
+from ur5_twin.twin.replay import ReplaySettings
+
+
+def output_folder(out: Path | None, recording: Recording, log: Path) -> Path:
+    """The folder to write to, by default ``out/<name of the log>``; asked for before any work is done.
+
+    Raises:
+        ReplayError: it is a file, or lies in the folder of a log of the lab's.
+    """
+    folder = out if out is not None else Path("out") / recording.source
+    if folder.exists() and not folder.is_dir():
+        raise ReplayError(f"--out {folder} is a file; give a folder")
+    if recording.format == "lab_csv" and log.is_dir() and folder.resolve().is_relative_to(log.resolve()):
+        raise ReplayError(f"--out {folder} lies in the log's own folder; give another, logs are not written to")
+    return folder
+
+
+def write_replay(
+    recording: Recording, settings: ReplaySettings, folder: Path, *, rerun: bool, figures: bool
+) -> dict[str, Any]:
+    """Write a replayed recording and all that is made of it; what an earlier run left in the folder is removed first.
+
+    Args:
+        recording: with the twin's columns.
+        settings: of the replay.
+        folder: made if needed; files in it that no replay writes stay.
+        rerun: write ``twin.rrd``.
+        figures: draw ``figures/*.png``.
+
+    Returns:
+        The report.
+    """
+    report = replay_report.summarise(recording, settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    # What an earlier run left here must not be taken for this one's.
+    for stale in (folder / "report.json", folder / "report.md", folder / "twin.rrd", *folder.glob("figures/*.png")):
+        stale.unlink(missing_ok=True)
+    write_parquet(recording, folder / "recording.parquet")
+    drawn: list[Path] = []
+    if figures:
+        from ur5_twin.views.figures import write_figures
+
+        drawn = write_figures(recording, folder / "figures", title=recording.source, tool=settings.plant.tool)
+    if rerun:
+        from ur5_twin.views import rerun_view
+
+        rerun_view.write_rrd(recording, settings.plant, folder / "twin.rrd", title=recording.source)
+    write_text(folder / "report.md", replay_report.render_markdown(report, drawn))
+    write_text(folder / "report.json", replay_report.render_json(report))
+    return report
