@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -150,6 +151,22 @@ def test_an_output_folder_that_cannot_be_one_is_refused_first(run: Run, lab_logs
     code, _, err = run("replay", log, "--out", log / "csv_files")
     assert code == 2
     assert "log's own folder" in err
+
+
+def test_the_default_folder_does_not_swallow_another_logs_replay(run: Run) -> None:
+    from ur5_twin.resources import data_dir
+
+    quiet = ["--no-rerun", "--no-figures"]
+    assert run("replay", "demo", *quiet)[0] == 0
+    assert run("replay", "demo", *quiet)[0] == 0  # the same log again is no loss
+    shutil.copytree(data_dir("replay") / "demo", "elsewhere/demo")
+    code, _, err = run("replay", "elsewhere/demo", *quiet)
+    assert code == 2
+    assert "another log" in err
+    assert "--out" in err
+    code, _, err = run("replay", "out/demo", "--model", "c", *quiet)
+    assert code == 2
+    assert json.loads(Path("out/demo/report.json").read_text())["model"] == "controller"
 
 
 def test_an_earlier_runs_files_do_not_stay(run: Run) -> None:

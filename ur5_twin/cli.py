@@ -190,7 +190,9 @@ def replay(
     folder = output_folder(out, recording, source)
     with progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
-    report = write_replay(replayed, settings, folder, rerun=_has_rerun() if rerun is None else rerun, figures=figures)
+    report = write_replay(
+        replayed, settings, folder, log=source, rerun=_has_rerun() if rerun is None else rerun, figures=figures
+    )
     show_replay(report, folder)
     if spawn:
         from ur5_twin.views import rerun_view

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,30 @@ def output_folder(out: Path | None, recording: Recording, log: Path) -> Path:
     """The folder to write to, by default ``out/<name of the log>``; asked for before any work is done.
 
     Raises:
-        ReplayError: it is a file, or lies in the folder of a log of the lab's.
+        ReplayError: it is a file, lies in the folder of a log of the lab's, or is the default and holds the replay of
+            another log, which would be lost.
     """
     folder = out if out is not None else Path("out") / recording.source
     if folder.exists() and not folder.is_dir():
         raise ReplayError(f"--out {folder} is a file; give a folder")
     if recording.format == "lab_csv" and log.is_dir() and folder.resolve().is_relative_to(log.resolve()):
         raise ReplayError(f"--out {folder} lies in the log's own folder; give another, logs are not written to")
+    other = None if out is not None else _replayed_into(folder)
+    if other is not None and Path(other).resolve() != log.resolve():
+        raise ReplayError(f"{folder} holds the replay of another log ({other}); name a folder with --out")
     return folder
 
 
+def _replayed_into(folder: Path) -> str | None:
+    """Path of the log whose replay a folder holds, as it was given; None if it holds none."""
+    try:
+        return str(json.loads((folder / "report.json").read_text(encoding="utf-8"))["log"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def write_replay(
-    recording: Recording, settings: ReplaySettings, folder: Path, *, rerun: bool, figures: bool
+    recording: Recording, settings: ReplaySettings, folder: Path, *, log: Path, rerun: bool, figures: bool
 ) -> dict[str, Any]:
     """Write a replayed recording and all that is made of it; what an earlier run left in the folder is removed first.
 
@@ -36,13 +49,14 @@ def write_replay(
         recording: with the twin's columns.
         settings: of the replay.
         folder: made if needed; files in it that no replay writes stay.
+        log: what was replayed, as it was given.
         rerun: write ``twin.rrd``.
         figures: draw ``figures/*.png``.
 
     Returns:
         The report.
     """
-    report = replay_report.summarise(recording, settings)
+    report = {"log": str(log), **replay_report.summarise(recording, settings)}
     folder.mkdir(parents=True, exist_ok=True)
     # What an earlier run left here must not be taken for this one's.
     for stale in (folder / "report.json", folder / "report.md", folder / "twin.rrd", *folder.glob("figures/*.png")):
