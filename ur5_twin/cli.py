@@ -184,6 +184,7 @@ def replay(
 
     if rerun or spawn:
         _need_rerun()
+    _quiet_engine()
     settings = _settings(model, plant, gains, drive, target_current, tool, payload, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
@@ -344,6 +345,13 @@ def _settings(
         target_current=load_target_current_law(target_current),
         mode=mode.value,
     )
+
+
+def _quiet_engine() -> None:
+    """dm_control logs MuJoCo's warnings; a simulation that diverges is an error of ours, in one line."""
+    from absl import logging
+
+    logging.set_verbosity(logging.ERROR)
 
 
 def _has_rerun() -> bool:

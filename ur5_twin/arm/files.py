@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -19,6 +18,8 @@ SixPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 SixNonNegative = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Three = tuple[float, float, float]
 T = TypeVar("T")
+#: No number of an arm, in any unit of these files, is as large.
+_LARGEST = 1e9
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -191,21 +192,21 @@ def choose(choice: str | Path, shipped: str, kind: type[T], what: str) -> tuple[
 
 def convert(data: Any, kind: type[T], where: str) -> T:
     """Check parsed data against a layout; ``where`` names the file in the error."""
-    if (bad := _not_finite(data)) is not None:
-        raise ModelError(f"{where}: {bad} is not a finite number")
+    if (bad := _senseless(data)) is not None:
+        raise ModelError(f"{where}: {bad} is no number that a robot has: finite and below {_LARGEST:g}")
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise ModelError(f"{where}: {_explain(str(error), kind)}") from None
 
 
-def _not_finite(data: Any, path: str = "") -> str | None:
-    """The key of the first number in parsed TOML that is inf or nan; None if there is none."""
+def _senseless(data: Any, path: str = "") -> str | None:
+    """The key of the first number in parsed TOML that is inf, nan or beyond all bounds; None if there is none."""
     if isinstance(data, float):
-        return None if math.isfinite(data) else path
+        return None if abs(data) < _LARGEST else path
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
     for key, value in items:
-        found = _not_finite(value, f"{path}[{key}]" if isinstance(data, list) else f"{path}.{key}".lstrip("."))
+        found = _senseless(value, f"{path}[{key}]" if isinstance(data, list) else f"{path}.{key}".lstrip("."))
         if found is not None:
             return found
     return None

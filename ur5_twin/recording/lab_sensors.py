@@ -42,7 +42,7 @@ def read_ft(csv_folder: Path, source: str, repair: bool, notes: list[Note]) -> T
         notes.append(
             Note(
                 name,
-                f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected, no table",
+                f"all {checks.count(len(values), 'row')} are zero (within 0.000001): no sensor was connected",
             )
         )
         return None
@@ -90,7 +90,7 @@ def _read_sensor(
         silent = _silent_rows(text)
         if len(silent) == sum(bool(line.strip()) for line in text.split("\n")):
             rows = checks.count(len(silent), "row")
-            notes.append(Note(name, f"all {rows} read '{NO_VALUES}': no sensor was connected, no table"))
+            notes.append(Note(name, f"all {rows} read '{NO_VALUES}': no sensor was connected"))
             return None
         grid = read_grid(text, name, separator=",", names=("time", *fields))
         if grid.cut_row is not None:
