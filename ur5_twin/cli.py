@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.errors import MissingExtraError, TwinError
+from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
@@ -45,10 +45,8 @@ ur5-twin model c
 ur5-twin model plant --tool ati_gamma --export cell.xml --scene
 """
 
-
 #: Exit code of a command that Ctrl-C ended, as shells have it; Typer returns it, or raises Abort while it prompts.
 _INTERRUPTED = 130
-
 
 _IDENTIFY_EXAMPLES = """[bold]Examples[/bold]
 
@@ -180,10 +178,11 @@ def replay(
     from ur5_twin.recording import read
     from ur5_twin.terminal import show_replay
     from ur5_twin.twin.replay import replay as run
+    from ur5_twin.views import rerun_view
     from ur5_twin.views.output import output_folder, write_replay
 
     if rerun or spawn:
-        _need_rerun()
+        rerun_view.need_rerun()
     _quiet_engine()
     settings = _settings(model, plant, gains, drive, target_current, tool, payload, mode)
     source = _shipped(path)
@@ -192,12 +191,15 @@ def replay(
     with progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
     report = write_replay(
-        replayed, settings, folder, log=source, rerun=_has_rerun() if rerun is None else rerun, figures=figures
+        replayed,
+        settings,
+        folder,
+        log=source,
+        rerun=rerun_view.has_rerun() if rerun is None else rerun,
+        figures=figures,
     )
     show_replay(report, folder)
     if spawn:
-        from ur5_twin.views import rerun_view
-
         rerun_view.spawn(replayed, settings.plant)
 
 
@@ -352,17 +354,6 @@ def _quiet_engine() -> None:
     from absl import logging
 
     logging.set_verbosity(logging.ERROR)
-
-
-def _has_rerun() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("rerun") is not None
-
-
-def _need_rerun() -> None:
-    if not _has_rerun():
-        raise MissingExtraError("the Rerun view", "view")
 
 
 def _shipped(path: Path) -> Path:

@@ -14,6 +14,7 @@ from numba import njit
 from ur5_twin.arm import dynamics, kinematics
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel, load_model, model_names
+from ur5_twin.recording import read
 
 CASES = [(name, tool) for name in model_names() for tool in ("none", "both")]
 #: Against another algorithm, relative to the largest entry: a few hundred operations, each 2e-16.
@@ -277,14 +278,8 @@ def text(numbers) -> str:
 def test_target_torque_is_known_to_its_printed_digits(lab_logs: Path) -> None:
     arm = Dynamics(load_model("controller"))
     for folder in sorted(lab_logs.glob("Movement_*")):
-        q, qd, qdd, moment = read(folder, "q_target", "qd_target", "qdd_target", "m_target")
-        error = np.abs(arm.inverse(q, qd, qdd) - moment)
+        robot = read(folder).robot
+        moment = arm.inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
+        error = np.abs(moment - robot["target_moment"])
         # q is printed to 1e-6 rad, so up to 0.5e-6 off, and three joints with up to 60 Nm/rad of gravity make 1e-4.
         assert error.max() < 1e-4, folder.name
-
-
-def read(folder: Path, *names: str) -> list[np.ndarray]:
-    """Columns 1 to 6 of a run's files over their common rows; the last row of a file may be cut off in mid-number."""
-    paths = [folder / "csv_files" / f"log_{name}.csv" for name in names]
-    rows = min(len(path.read_text().splitlines()) for path in paths) - 1
-    return [np.loadtxt(path, delimiter=",", max_rows=rows)[:, 1:7] for path in paths]

@@ -11,6 +11,7 @@ from ur5_twin import spatial
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.kinematics import Orientation
 from ur5_twin.arm.parameters import load_model
+from ur5_twin.recording import read
 
 ARM = load_model("c")
 #: Central differences with step 1e-6 of functions of size 1: 1e-11 from the step, 1e-9 from rounding.
@@ -155,17 +156,10 @@ def test_a_sensor_frame_moves_by_equation_2_41() -> None:
 
 def test_pose_is_the_one_the_robot_logged(lab_logs: Path) -> None:
     for folder in sorted(lab_logs.glob("Movement_*")):
-        q, pose = read(folder, "q_actual", "tool_vector")
-        X_BF = kinematics.forward(ARM, q)
-        logged = spatial.pose_from_vector(pose)
+        robot = read(folder).robot
+        X_BF = kinematics.forward(ARM, robot["actual_q"])
+        logged = spatial.pose_from_vector(robot["actual_TCP_pose"])
         # Joint angles are printed to 1e-6 rad (0.5e-6 off, six of them, on a reach of 0.9 m) and so is the pose.
         assert np.abs(X_BF[:, :3, 3] - logged[:, :3, 3]).max() < 5e-6, folder.name
         error = np.swapaxes(logged[:, :3, :3], -1, -2) @ X_BF[:, :3, :3]
         assert spatial.rotation_angle(error).max() < 20e-6, folder.name
-
-
-def read(folder: Path, *names: str) -> list[np.ndarray]:
-    """Columns 1 to 6 of a run's files over their common rows; the last row of a file may be cut off in mid-number."""
-    paths = [folder / "csv_files" / f"log_{name}.csv" for name in names]
-    rows = min(len(path.read_text().splitlines()) for path in paths) - 1
-    return [np.loadtxt(path, delimiter=",", max_rows=rows)[:, 1:7] for path in paths]

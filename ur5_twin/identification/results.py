@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from ur5_twin.arm import files
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.atomic import write_text
 from ur5_twin.evaluation.replay_report import versions
@@ -27,6 +28,7 @@ class Result:
 
     Attributes:
         file: name of the model file.
+        layout: what a reader of that file checks it against.
         model: its content, in the layout of ``models/*.toml``.
         title: what was identified.
         findings: sentences for the report.
@@ -36,6 +38,7 @@ class Result:
     """
 
     file: str
+    layout: type[files.Strict]
     model: dict[str, Any]
     title: str
     findings: tuple[str, ...]
@@ -83,13 +86,18 @@ def controller_result(
         findings.append(
             "that share is neither none nor all: masses or centres differ from table 4.2's, or a payload is set"
         )
+    if held_out is not None and np.isnan(held_out).all():
+        findings.append("no log can be checked: without it the others cannot carry the fit")
+        held_out = None
     errors = {} if held_out is None else {"target_moment, each log by a fit on all the others": held_out}
     if held_out is not None and np.isnan(held_out).any():
         findings.append("where the report has '-' instead of an error, the other logs alone could not carry the fit")
     shipped = f"With the model that ships ({base.name}) gravity is {base.gravity:g} m/s^2 and the rotors are "
     findings.append(shipped + ", ".join(f"{value:.6g}" for value in base.rotor_inertia) + " kg m^2")
     logs = tuple(recording.source for recording in recordings)
-    return Result("controller.toml", model, "The controller's own model", tuple(findings), "Nm", errors, logs)
+    return Result(
+        "controller.toml", files.ModelFile, model, "The controller's own model", tuple(findings), "Nm", errors, logs
+    )
 
 
 def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: str) -> Result:
@@ -122,11 +130,25 @@ def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: st
         "target_current with each log's own viscous coefficients": fit.mae,
         "target_current with their mean, which the file has": fit.mae_common,
     }
-    return Result("target_current.toml", model, "The controller's current law", tuple(findings), "A", errors, logs)
+    return Result(
+        "target_current.toml",
+        files.TargetCurrentSpec,
+        model,
+        "The controller's current law",
+        tuple(findings),
+        "A",
+        errors,
+        logs,
+    )
 
 
 def write(result: Result, folder: Path, figure: Path | None) -> None:
-    """Write the model file, ``report.json`` and ``report.md`` into a folder; ``figure`` is linked in the report."""
+    """Write the model file, ``report.json`` and ``report.md`` into a folder; ``figure`` is linked in the report.
+
+    Raises:
+        ModelError: the fit found what no such file may hold, a negative coefficient say; nothing is written.
+    """
+    files.convert(result.model, result.layout, result.file)
     write_text(folder / result.file, tomli_w.dumps(result.model))
     data = {
         "title": result.title,

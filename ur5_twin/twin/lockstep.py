@@ -26,8 +26,6 @@ from ur5_twin.twin.sample import Prediction, Sample
 SUBSTEP = 0.002
 #: A longer silence of the robot than this is not bridged: the twin starts again from the next measured state, s.
 LONGEST_GAP = 0.5
-
-
 #: A step of a joint's target that no log of a sound robot has, rad.
 _IMPOSSIBLE_STEP = 0.1
 #: Velocities (rad/s) and accelerations (rad/s^2) beyond this are no motion of an arm but a simulation that diverges.
@@ -86,7 +84,7 @@ class ClosedLoop:
         self._moment = np.zeros(6)
         self._reference = np.zeros((6, 6))
         self._step = np.zeros((2, 6))
-        self._half_step = 0.0
+        self._just_reset = True
         self.largest_step = np.zeros(6)
         self.largest_qd_step = np.zeros(6)
 
@@ -94,7 +92,7 @@ class ClosedLoop:
         """Put the arm at joint positions ``q`` (6,) rad with velocities ``qd`` (6,) rad/s."""
         self._q[:] = q
         self._qd[:] = qd
-        self._half_step = 0.0
+        self._just_reset = True
 
     def advance(self, before: np.ndarray, after: np.ndarray, dt: float) -> None:
         """Move the arm ``dt`` seconds on while the reference goes from one sample's target (3, 6) to the next one's.
@@ -106,18 +104,18 @@ class ClosedLoop:
         h = dt / steps
         self._model.opt.timestep = h
         computed_torque.reference(before, after, dt, self._reference, self._step)
-        self._count_steps(dt)
+        self._check_steps(dt)
         if self._set_over:
             self._q += self._step[0]
             self._qd += self._step[1]
-        if self._half_step == 0.0:
+        if self._just_reset:
             self._settle_acceleration(h)
+            self._just_reset = False
         self._qvel[:] = self._qd - 0.5 * h * self._qacc
         for i in range(steps):
             self._ask_for_torque(i * h, h)
             mujoco.mj_step(self._model, self._data)
-        self._half_step = 0.5 * h
-        self._qd[:] = self._qvel + self._half_step * self._qacc
+        self._qd[:] = self._qvel + 0.5 * h * self._qacc
         # Written so that NaN fails too.
         if not (np.abs(self._qacc).max() < _DIVERGED and np.abs(self._qd).max() < _DIVERGED):
             raise ReplayError("the simulation diverged: softer gains or a plant with rotor inertia may help")
@@ -135,7 +133,7 @@ class ClosedLoop:
         self._ask_for_torque(0.0, h)
         mujoco.mj_forward(self._model, self._data)
 
-    def _count_steps(self, dt: float) -> None:
+    def _check_steps(self, dt: float) -> None:
         q_step, qd_step = np.abs(self._step)
         # Over a gap a joint may have moved and stopped unseen.
         if not q_step.max() < _IMPOSSIBLE_STEP + self._fastest * dt:

@@ -64,7 +64,7 @@ def spawn(recording: Recording, model: ArmModel, *, title: str | None = None, ov
 
 def new_stream(recording: Recording, title: str) -> rr.RecordingStream:
     """A stream of its own, not the process' default; equal recordings get the same recording id."""
-    _need_rerun()
+    need_rerun()
     import rerun as rr
 
     stream = rr.RecordingStream(APPLICATION_ID, recording_id=_content_id(recording), send_properties=False)
@@ -74,7 +74,7 @@ def new_stream(recording: Recording, title: str) -> rr.RecordingStream:
 
 def new_stage(recording: Recording, model: ArmModel, *, overlaid: bool = False) -> Stage:
     """Where the arms stand and from where one looks, such that the recording's motion is seen from the side."""
-    _need_rerun()
+    need_rerun()
     from ur5_twin.views import rerun_scene as scene
 
     arms = scene.arms_in(recording.robot)
@@ -85,7 +85,7 @@ def new_stage(recording: Recording, model: ArmModel, *, overlaid: bool = False) 
 
 def new_blueprint(recording: Recording, model: ArmModel, stage: Stage) -> rr.blueprint.Blueprint:
     """The layout of the viewer's window for a whole recording: its plots, their lines and limits."""
-    _need_rerun()
+    need_rerun()
     from ur5_twin.views import rerun_plots as plots
 
     found = wrenches.find(recording, _flange_poses(recording, model), model.tool)
@@ -162,6 +162,12 @@ def _content_id(recording: Recording) -> uuid.UUID:
     return uuid.UUID(bytes=digest.digest()[:16])
 
 
-def _need_rerun() -> None:
-    if find_spec("rerun") is None:
+def has_rerun() -> bool:
+    """Whether the Rerun SDK is installed."""
+    return find_spec("rerun") is not None
+
+
+def need_rerun() -> None:
+    """Raise MissingExtraError, which names the extra to install, if Rerun is not installed."""
+    if not has_rerun():
         raise MissingExtraError("the Rerun view", "view")
