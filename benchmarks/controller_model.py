@@ -14,8 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from ur5_twin.arm.parameters import load_model
+from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.identification.controller import fit_rigid, fit_target_current, held_out_moment
 from ur5_twin.recording import read
+from ur5_twin.recording.table import Recording
+
+
+def errors_table(recordings: list[Recording], errors: np.ndarray) -> str:
+    """One row a log, (n_logs, 6) errors."""
+    rows = zip(recordings, errors, strict=True)
+    return markdown(("log", *JOINT_COLUMNS), [(log.source, *(f"{value:.2f}" for value in row)) for log, row in rows])
 
 
 def main() -> None:
@@ -34,10 +42,7 @@ def main() -> None:
     print("rotor inertia    " + ", ".join(f"{value:.7f}" for value in fit.rotor_inertia) + " kg m^2")
     print("              +- " + ", ".join(f"{value:.0e}    " for value in fit.rotor_inertia_std) + "\n")
     print("MAE of target_moment in uNm, predicted by a fit on all other logs:\n")
-    print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
-    held_out = held_out_moment(recordings, load_model("c")) * 1e6
-    for unseen, mae in zip(recordings, held_out, strict=True):
-        print(f"| {unseen.source} | " + " | ".join(f"{value:.2f}" for value in mae) + " |")
+    print(errors_table(recordings, held_out_moment(recordings, load_model("c")) * 1e6))
 
     moving = [r for r in recordings if (np.abs(r.robot["target_qd"]).max(axis=0) > 0).all()]
     law = fit_target_current(moving)
@@ -52,10 +57,7 @@ def main() -> None:
         ("with their mean", law.mae_common),
     ):
         print(f"MAE of target_current in mA {title}:\n")
-        print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
-        for recording, row in zip(moving, mae * 1e3, strict=True):
-            print(f"| {recording.source} | " + " | ".join(f"{value:.2f}" for value in row) + " |")
-        print()
+        print(errors_table(moving, mae * 1e3) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation.replay_report import short_number, summarise, table_rows
+from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.recording import read
 from ur5_twin.twin.replay import MODES, ReplaySettings, replay
 
@@ -35,11 +36,8 @@ def main() -> None:
         reports.append(summarise(replay(read(folder), settings), settings))
     for k, (label, unit, _) in enumerate(table_rows(reports[0])):
         print(f"**{label[0].upper()}{label[1:]}, {unit}**\n")
-        print("| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |\n|---|" + "---:|" * 6)
-        for report in reports:
-            values = table_rows(report)[k][2]
-            print(f"| {report['source']} | " + " | ".join(map(short_number, values)) + " |")
-        print()
+        rows = [(report["source"], *map(short_number, table_rows(report)[k][2])) for report in reports]
+        print(markdown(("log", *JOINT_COLUMNS), rows) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 from ur5_twin import __version__
 from ur5_twin.arm.parameters import JOINT_NAMES
 from ur5_twin.evaluation import metrics
+from ur5_twin.evaluation.tables import markdown
 from ur5_twin.recording.table import Recording
 from ur5_twin.twin.replay import ReplaySettings
 
@@ -154,12 +155,11 @@ def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
         "",
         "Mean absolute error of the twin's prediction against the log, per joint:",
         "",
-        "| signal | unit | " + " | ".join(JOINT_NAMES) + " |",
-        "|---|---|" + "---:|" * len(JOINT_NAMES),
-    ]
-    lines += [
-        f"| {label} | {unit} | " + " | ".join(map(short_number, values)) + " |"
-        for label, unit, values in table_rows(report)
+        markdown(
+            ("signal", "unit", *JOINT_NAMES),
+            [(label, unit, *map(short_number, values)) for label, unit, values in table_rows(report)],
+            words=2,
+        ),
     ]
     for title, key, none in (
         ("What the reader found in the log", "notes", "Nothing worth a word."),

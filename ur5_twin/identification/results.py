@@ -15,6 +15,7 @@ from ur5_twin.arm import files
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.atomic import write_text
 from ur5_twin.evaluation.replay_report import versions
+from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.identification.controller import CurrentFit, RigidFit
 from ur5_twin.recording.table import Recording
 
@@ -170,11 +171,11 @@ def _markdown(result: Result, figure: Path | None) -> str:
     lines += [f"- {finding}" for finding in result.findings]
     for label, values in result.errors.items():
         lines += ["", f"Mean absolute error of {label}, {result.unit}:", ""]
-        lines += ["| log | " + " | ".join(f"joint {j}" for j in range(1, 7)) + " |", "|---|" + "---:|" * 6]
-        lines += [
-            f"| {name} | " + " | ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in row) + " |"
+        rows = [
+            (name, *(f"{value:.2g}" if np.isfinite(value) else "-" for value in row))
             for name, row in zip(result.logs, values, strict=True)
         ]
+        lines.append(markdown(("log", *JOINT_COLUMNS), rows))
     if figure is not None:
         lines += ["", f"![errors]({figure.parent.name}/{figure.name})"]
     return "\n".join([*lines, ""])
