@@ -21,7 +21,8 @@ from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.recording import read
 from ur5_twin.sources.recorded import RecordedSource
-from ur5_twin.twin.lockstep import SUBSTEP, ClosedLoop, ServoTwin, ShadowTwin, Twin
+from ur5_twin.twin.closed_loop import SUBSTEP, ClosedLoop
+from ur5_twin.twin.lockstep import ServoTwin, ShadowTwin, Twin
 
 
 def main() -> None:

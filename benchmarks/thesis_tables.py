@@ -22,7 +22,8 @@ from ur5_twin.evaluation.metrics import mean_absolute
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 from ur5_twin.sources.recorded import RecordedSource
-from ur5_twin.twin.lockstep import ClosedLoop, ServoTwin
+from ur5_twin.twin.closed_loop import ClosedLoop
+from ur5_twin.twin.lockstep import ServoTwin
 from ur5_twin.twin.replay import ReplaySettings, replay
 
 RUNS = {"no disturbance": "Movement_No5_Acc_slow_no_disturbance", "disturbance": "Movement_No5_Acc_slow_w_disturbance"}

@@ -19,12 +19,12 @@ import numpy as np
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.control.gains import PDGains
+from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import driving_share, load_target_current_law
 from ur5_twin.control.trajectory import movej, rest
 from ur5_twin.recording import write_lab_csv
 from ur5_twin.recording.table import Recording, Table
-from ur5_twin.twin.lockstep import ClosedLoop
+from ur5_twin.twin.closed_loop import ClosedLoop
 
 PERIOD = 0.008
 WAYPOINTS = np.array(
@@ -37,7 +37,7 @@ WAYPOINTS = np.array(
     ]
 )
 #: A critically damped servo at 60 rad/s.
-SERVO = PDGains("stiff", "chosen for the demo log", np.full(6, 3600.0), np.full(6, 120.0))
+SERVO = Gains("stiff", "chosen for the demo log", np.full(6, 3600.0), np.full(6, 120.0))
 #: Steps of the lab's encoders (rad) and velocities (rad/s), and noise of its currents (A) at rest and in motion.
 Q_STEP, QD_STEP, CURRENT_STEP = 1.2e-5, 3e-4, 2e-3
 NOISE_STILL, NOISE_MOVING = 0.01, 0.08

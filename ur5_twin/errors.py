@@ -26,6 +26,14 @@ class ReplayError(TwinError):
     """A recording was read but cannot be replayed as asked (a needed column is missing, the twin diverged)."""
 
 
+class SimulationError(TwinError):
+    """The simulated cell cannot go on: the message says when and why, what came before is kept."""
+
+
+class ScenarioError(TwinError):
+    """A scenario file is wrong or asks for what no arm can do; the message names the key."""
+
+
 class IdentificationError(TwinError):
     """The recordings cannot carry the fit that was asked for; the message says what they lack."""
 

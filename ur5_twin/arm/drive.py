@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ur5_twin.arm import files
+from ur5_twin.arm.friction import Friction
+from ur5_twin.errors import ModelError
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,23 @@ class LinearDrive:
     def torque(self, current: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Torque (..., 6) in Nm that ``current`` (..., 6) in A leaves for the links at velocity ``qd``."""
         return self.torque_constant * current + self.offset - self.friction(qd)
+
+
+@dataclass(frozen=True)
+class JointDrives:
+    """The plant's motors and gears: tau_motor = k_t i + b, and what friction takes of it.
+
+    Attributes:
+        torque_constant: k_t, (6,) Nm/A at the joint.
+        offset: b, (6,) Nm.
+        friction: of the joints.
+        source: where the torque constants come from.
+    """
+
+    torque_constant: np.ndarray
+    offset: np.ndarray
+    friction: Friction
+    source: str
 
 
 @dataclass(frozen=True)
@@ -90,3 +109,27 @@ def load_drive(name: str | Path = "thesis") -> LinearDrive:
         viscous=np.array(spec.viscous_nm_s_rad),
         dead_zone=spec.dead_zone_rad_s,
     )
+
+
+def load_joint_drives(name: str | Path = "plant") -> JointDrives:
+    """Motors and gears by name (``models/ur5_joints.toml``) or from a file with one table of the same keys.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    key, spec = files.choose(name, "ur5_joints.toml", files.JointDrivesSpec, "joints")
+    if spec.cold_viscous_ratio < 1.0:
+        raise ModelError(f"{key}: cold_viscous_ratio is {spec.cold_viscous_ratio}; a cold drive rubs more, not less")
+    friction = Friction(
+        coulomb_positive=np.array(spec.coulomb_positive_nm),
+        coulomb_negative=np.array(spec.coulomb_negative_nm),
+        stribeck=np.array(spec.stribeck_nm),
+        stribeck_speed=np.array(spec.stribeck_speed_rad_s),
+        load=np.array(spec.load_nm_nm),
+        viscous=np.array(spec.viscous_nm_s_rad),
+        presliding=np.array(spec.presliding_mrad) * 1e-3,
+        cold=spec.cold_viscous_ratio,
+        warming_time=spec.warming_time_s,
+        source=spec.source,
+    )
+    return JointDrives(np.array(spec.torque_constant_nm_a), np.array(spec.offset_nm), friction, spec.source)

@@ -129,6 +129,7 @@ class GainsSpec(Strict, frozen=True):
     source: str
     kappa0: SixNonNegative
     kappa1: SixNonNegative
+    kappai: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class DriveSpec(Strict, frozen=True):
@@ -138,6 +139,21 @@ class DriveSpec(Strict, frozen=True):
     coulomb_nm: SixNonNegative
     viscous_nm_s_rad: SixNonNegative
     dead_zone_rad_s: NonNegative
+
+
+class JointDrivesSpec(Strict, frozen=True):
+    source: str
+    torque_constant_nm_a: SixPositive
+    offset_nm: Six
+    coulomb_positive_nm: SixNonNegative
+    coulomb_negative_nm: SixNonNegative
+    stribeck_nm: SixNonNegative
+    stribeck_speed_rad_s: SixPositive
+    load_nm_nm: SixNonNegative
+    viscous_nm_s_rad: SixNonNegative
+    presliding_mrad: SixPositive
+    cold_viscous_ratio: Positive
+    warming_time_s: Positive
 
 
 class TargetCurrentSpec(Strict, frozen=True):

@@ -1,10 +1,9 @@
-"""Feedback linearisation with a PD law (thesis equations 2.69, 2.71), compiled for the simulation's inner loop.
+"""Feedback linearisation with a PD law (thesis equations 2.69, 2.71) and an integral, for compiled callers.
 
-    tau = M(q) a + C(q, qd) qd + g(q),   a = qdd_d - K0 (q - q_d) - K1 (qd - qd_d)
+    tau = M(q) a + C(q, qd) qd + g(q),   a = qdd_d - K0 e - K1 e' - KI int(e) dt,   e = q - q_d
 
-Shapes: q, qd, kappa (6,); a target is (3, 6): q_d, qd_d, qdd_d. ``packed`` is ``Dynamics.packed`` of the model that the
-controller linearises with. ``qvel`` and ``qacc`` are MuJoCo's: the velocity of the middle of the step before, and the
-acceleration in that step.
+Shapes: q, qd, kappa, integral (6,); a target is (3, 6): q_d, qd_d, qdd_d. ``packed`` is ``Dynamics.packed`` of the model
+that the controller linearises with. The thesis' law has no integral: KI is zero for its gains.
 """
 
 from __future__ import annotations
@@ -62,28 +61,24 @@ def reference(before, after, dt, coefficients, step):  # pragma: no cover - comp
 
 
 @numba.njit(cache=True, nogil=True)
-def _acceleration(c, t, j, q, qd, kappa0, kappa1):  # pragma: no cover - compiled
-    """The PD law for one joint with the reference at time t of the polynomial."""
+def demand(c, t, j, q, qd, kappa0, kappa1, kappai, integral):  # pragma: no cover - compiled
+    """The servo's acceleration for joint j with the reference at time t of the polynomial, and the position error."""
     q_d = c[0, j] + t * (c[1, j] + t * (c[2, j] + t * (c[3, j] + t * (c[4, j] + t * c[5, j]))))
     qd_d = c[1, j] + t * (2.0 * c[2, j] + t * (3.0 * c[3, j] + t * (4.0 * c[4, j] + t * 5.0 * c[5, j])))
     qdd_d = 2.0 * c[2, j] + t * (6.0 * c[3, j] + t * (12.0 * c[4, j] + t * 20.0 * c[5, j]))
-    return qdd_d - kappa0[j] * (q - q_d) - kappa1[j] * (qd - qd_d)
+    error = q - q_d
+    return qdd_d - kappa0[j] * error - kappa1[j] * (qd - qd_d) - kappai[j] * integral[j], error
 
 
 @numba.njit(cache=True, nogil=True)
-def control(c, t, q, qvel, qacc, h, kappa0, kappa1, packed, torque):  # pragma: no cover - compiled
-    """Torque of the step that begins at time t of the tick; qacc is the acceleration of the step before."""
-    a = np.empty(6)
-    for j in range(6):
-        a[j] = _acceleration(c, t, j, q[j], qvel[j] + 0.5 * h * qacc[j], kappa0, kappa1)
-    # M a + C qd + g with the velocity that the plant will use, so that equal models cancel to rounding.
-    rnea_into(packed, q, qvel, a, torque)
-
-
-@numba.njit(cache=True, nogil=True)
-def law(target, q, qd, kappa0, kappa1, packed, torque):  # pragma: no cover - compiled
+def law(target, q, qd, kappa0, kappa1, kappai, integral, packed, torque):  # pragma: no cover - compiled
     """The control law at a sample."""
     a = np.empty(6)
     for j in range(6):
-        a[j] = target[2, j] - kappa0[j] * (q[j] - target[0, j]) - kappa1[j] * (qd[j] - target[1, j])
+        a[j] = (
+            target[2, j]
+            - kappa0[j] * (q[j] - target[0, j])
+            - kappa1[j] * (qd[j] - target[1, j])
+            - kappai[j] * integral[j]
+        )
     rnea_into(packed, q, qd, a, torque)

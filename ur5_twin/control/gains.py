@@ -1,8 +1,8 @@
-"""PD gains of the joint-space controller, by name or from a file."""
+"""Gains of the joint-space controller, by name or from a file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +11,20 @@ from ur5_twin.arm import files
 
 
 @dataclass(frozen=True)
-class PDGains:
-    """Gains of a = qdd_d - K0 (q - q_d) - K1 (qd - qd_d) (thesis equation 2.71).
+class Gains:
+    """Gains of a = qdd_d - K0 e - K1 e' - KI int(e) dt with e = q - q_d (thesis equation 2.71 and an integral).
 
     Attributes:
         kappa0: (6,) 1/s^2.
         kappa1: (6,) 1/s.
+        kappai: (6,) 1/s^3, zero for the thesis' gains.
     """
 
     name: str
     source: str
     kappa0: np.ndarray
     kappa1: np.ndarray
+    kappai: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
 
 def gain_names() -> tuple[str, ...]:
@@ -30,11 +32,11 @@ def gain_names() -> tuple[str, ...]:
     return tuple(files.read_named("gains.toml", files.GainsSpec))
 
 
-def load_gains(name: str | Path = "thesis_c") -> PDGains:
+def load_gains(name: str | Path = "thesis_c") -> Gains:
     """Gains by name (``models/gains.toml``) or from a file with one table of the same keys.
 
     Raises:
         ModelError: the name is unknown or the file is wrong.
     """
     key, spec = files.choose(name, "gains.toml", files.GainsSpec, "gain set")
-    return PDGains(key, spec.source, np.array(spec.kappa0), np.array(spec.kappa1))
+    return Gains(key, spec.source, np.array(spec.kappa0), np.array(spec.kappa1), np.array(spec.kappai))

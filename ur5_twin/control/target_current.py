@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numba
 import numpy as np
 
 from ur5_twin.arm import files
@@ -27,6 +28,16 @@ _NO_TORQUE = 1e-6
 def driving_share(torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
     """1 where a joint drives its load, 0 where it is back-driven, 1/2 without load or at rest; any shape, Nm, rad/s."""
     return 0.5 + 0.5 * np.sign(qd) * np.where(np.abs(torque) > _NO_TORQUE, np.sign(torque), 0.0)
+
+
+@numba.njit(cache=True, nogil=True)
+def feed_forward(torque, qd, load, viscous_driving, viscous_backdriven):  # pragma: no cover - compiled
+    """The law's friction terms for one joint, A, from target_moment (Nm) and target_qd (rad/s)."""
+    driving = 0.5
+    if qd != 0.0 and abs(torque) > _NO_TORQUE:
+        driving = 1.0 if torque * qd > 0.0 else 0.0
+    sign = 1.0 if qd > 0.0 else -1.0 if qd < 0.0 else 0.0
+    return load * abs(torque) * sign + (driving * viscous_driving + (1.0 - driving) * viscous_backdriven) * qd
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ from ur5_twin.arm import kinematics
 from ur5_twin.arm.drive import LinearDrive
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.gains import PDGains
+from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
-from ur5_twin.errors import ReplayError
+from ur5_twin.errors import ReplayError, SimulationError
 from ur5_twin.recording.table import Note, Recording
 from ur5_twin.sources.recorded import RecordedSource
-from ur5_twin.twin.lockstep import LONGEST_GAP, ClosedLoop, ServoTwin, ShadowTwin
+from ur5_twin.twin.closed_loop import ClosedLoop
+from ur5_twin.twin.lockstep import LONGEST_GAP, ServoTwin, ShadowTwin
 
 Mode = Literal["servo", "shadow"]
 MODES: tuple[Mode, ...] = ("servo", "shadow")
@@ -46,7 +47,7 @@ class ReplaySettings:
 
     model: ArmModel
     plant: ArmModel
-    gains: PDGains
+    gains: Gains
     drive: LinearDrive
     target_current: TargetCurrentLaw
     mode: Mode = "servo"
@@ -83,8 +84,8 @@ def replay(
     q, qd, moment = (np.empty((len(source), 6)) for _ in range(3))
     for row, sample in enumerate(source):
         try:
-            q[row], qd[row], moment[row] = twin.tick(sample)
-        except ReplayError as error:
+            q[row], qd[row], moment[row] = twin.tick(sample)[:3]
+        except (ReplayError, SimulationError) as error:
             raise ReplayError(f"{recording.source}, row {row + 1}: {error}") from None
         if progress is not None and row % _PROGRESS_EVERY == 0:
             progress(row)

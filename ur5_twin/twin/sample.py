@@ -34,3 +34,4 @@ class Prediction(NamedTuple):
     q: np.ndarray
     qd: np.ndarray
     moment: np.ndarray
+    current: np.ndarray | None = None
