@@ -34,7 +34,7 @@ def push() -> Callable[[np.ndarray], np.ndarray]:
 
 @pytest.fixture(scope="session")
 def replayed(model: ArmModel, push: Callable[[np.ndarray], np.ndarray]) -> Recording:
-    """Four seconds of slow motion: all signals of a replay, a force sensor that reads the reaction, and the truth."""
+    """Four seconds of slow motion: all signals of a replay, a force sensor, and the truth."""
     rng = np.random.default_rng(7)
     time = np.arange(500) * 0.008
     swing = np.sin(0.7 * time)[:, None] * np.array([0.9, 0.3, 0.4, 0.2, 0.3, 0.0])
@@ -55,7 +55,7 @@ def replayed(model: ArmModel, push: Callable[[np.ndarray], np.ndarray]) -> Recor
         "actual_qd": near(qd, 1e-3),
         "actual_current": near(current, 0.1),
         "actual_TCP_pose": kinematics.tcp_pose(model, measured),
-        "actual_TCP_force": near(push(time), 2.0),
+        "actual_TCP_force": near(-push(time), 2.0),
         "sim_actual_q": near(q, 2e-4),
         "sim_actual_qd": near(qd, 1e-3),
         "sim_actual_TCP_pose": kinematics.tcp_pose(model, q),
@@ -71,10 +71,10 @@ def replayed(model: ArmModel, push: Callable[[np.ndarray], np.ndarray]) -> Recor
 
 
 def _sensor(model: ArmModel, time: np.ndarray, q: np.ndarray, push: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """What the sensor reads of the push: the reaction about its own origin in its own axes, on a clock of its own."""
+    """What the sensor reads of the push: the wrench about its own origin in its own axes, on a clock of its own."""
     ft_time = np.arange(0.0, time[-1], 0.0048)
     q_then = np.stack([np.interp(ft_time, time, joint) for joint in q.T], axis=1)
     R_FB = np.swapaxes(kinematics.forward(model, q_then)[:, :3, :3], 1, 2)
     assert model.tool is not None
     on_arm = spatial.shift_wrench(spatial.rotate_wrench(R_FB, push(ft_time)), model.tool.sensors["ati_gamma"])
-    return Table("ft", ft_time - 0.5, {"ft_wrench": BIAS - on_arm}, 100.5)
+    return Table("ft", ft_time - 0.5, {"ft_wrench": BIAS + on_arm}, 100.5)

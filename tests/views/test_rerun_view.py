@@ -16,8 +16,8 @@ from ur5_twin import spatial
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import JOINT_NAMES, ArmModel, load_model
 from ur5_twin.errors import MissingExtraError
-from ur5_twin.recording import Recording, Table
-from ur5_twin.views import rerun_view, wrenches
+from ur5_twin.recording import Recording, Table, force_sensor
+from ur5_twin.views import rerun_view
 
 rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 chunk = pytest.importorskip("rerun.chunk")
@@ -158,7 +158,7 @@ def test_pieces_are_the_whole(replayed: Recording, model: ArmModel, content: Bat
     stream = rerun_view.new_stream(replayed, "pieces")
     stream.save(tmp_path / "pieces.rrd")
     rerun_view.log_static(stream, replayed, model, rerun_view.new_stage(replayed, model))
-    bias = wrenches.sensor_bias(replayed)
+    bias = force_sensor.sensor_bias(replayed)
     for start, end in ((0, 250), (250, 500)):
         piece = Recording({**replayed.tables, "robot": _rows(replayed.robot, start, end)}, "made", "test")
         rerun_view.log_rows(stream, piece, model, first_tick=start, sensor_bias=bias)

@@ -9,11 +9,11 @@ import numpy as np
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.recording import Recording, Table, read
+from ur5_twin.recording import Recording, Table, force_sensor, read
 from ur5_twin.views import wrenches
 
 
-def test_the_sensor_s_reaction_becomes_the_push(
+def test_the_sensor_s_reading_becomes_the_push(
     replayed: Recording, model: ArmModel, push: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     X_BF = kinematics.forward(model, replayed.robot["actual_q"])
@@ -39,7 +39,7 @@ def test_without_a_tool_the_force_is_the_same_and_the_moment_is_about_the_sensor
 def test_a_given_bias_is_taken(replayed: Recording, model: ArmModel) -> None:
     X_BF = kinematics.forward(model, replayed.robot["actual_q"])
     later = replayed.with_table(_from(replayed.tables["ft"], 400)).with_table(_from(replayed.robot, 250))
-    bias = wrenches.sensor_bias(replayed)
+    bias = force_sensor.sensor_bias(replayed)
     whole = wrenches.find(replayed, X_BF, model.tool)[1].values[250:]
     piece = wrenches.find(later, X_BF[250:], model.tool, bias)[1].values
     known = np.isfinite(piece)
@@ -66,7 +66,7 @@ def test_estimates_are_found_by_name(replayed: Recording, model: ArmModel) -> No
 
 def test_no_sensor_no_bias(replayed: Recording) -> None:
     alone = Recording({"robot": replayed.robot}, "made", "test")
-    np.testing.assert_array_equal(wrenches.sensor_bias(alone), np.zeros(6))
+    np.testing.assert_array_equal(force_sensor.sensor_bias(alone), np.zeros(6))
 
 
 def test_a_real_push_has_the_controller_s_sign(lab_logs: Path, model: ArmModel) -> None:

@@ -15,8 +15,27 @@ _TARGETS = ("target_q", "target_qd", "target_qdd")
 _STATE = ("actual_q", "actual_qd")
 
 
+def commanded(target: np.ndarray) -> np.ndarray:
+    """Targets (n, 3, 6) as the servo holds them, from the ones that are published.
+
+    While the arm is idle the real controller publishes as target_q what it measured a tick earlier, and so a push at
+    standstill shows in target_q too; the servo goes on holding the end of the last move, to which the arm returns.
+    Rows without target velocity and acceleration therefore hold the last target of a move, or the first row.
+    """
+    idle = ~target[:, 1:].any(axis=(1, 2))
+    last = np.maximum.accumulate(np.where(idle, 0, np.arange(len(target))))
+    held = target.copy()
+    held[idle, 0] = target[last[idle], 0]
+    return held
+
+
 class RecordedSource:
     """Samples of a recording, in order; their targets are None where the log lacks one of the three signals.
+
+    Args:
+        recording: what to go through.
+        wrench: (n, 6) measured wrench for each row, see ``Sample``; none if not given.
+        held: give the targets as the servo holds them (``commanded``), not as they are published.
 
     Attributes:
         missing_targets: those of target_q, target_qd and target_qdd that the log lacks.
@@ -25,7 +44,7 @@ class RecordedSource:
         ReplayError: the robot table lacks actual_q or actual_qd, or holds fewer than two rows.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, wrench: np.ndarray | None = None, *, held: bool = False) -> None:
         robot = recording.robot
         missing = [name for name in _STATE if name not in robot]
         if missing:
@@ -37,10 +56,14 @@ class RecordedSource:
         self._time: list[float] = robot.time.tolist()
         self._q, self._qd = (np.ascontiguousarray(robot[name]) for name in _STATE)
         self.missing_targets = tuple(name for name in _TARGETS if name not in robot)
-        self._targets = repeat(None) if self.missing_targets else np.stack([robot[name] for name in _TARGETS], axis=1)
+        self._targets = repeat(None)
+        if not self.missing_targets:
+            targets = np.stack([robot[name] for name in _TARGETS], axis=1)
+            self._targets = commanded(targets) if held else targets
+        self._wrench = repeat(None) if wrench is None else wrench
 
     def __len__(self) -> int:
         return len(self._time)
 
     def __iter__(self) -> Iterator[Sample]:
-        yield from map(Sample, self._time, self._q, self._qd, self._targets)
+        yield from map(Sample, self._time, self._q, self._qd, self._targets, self._wrench)

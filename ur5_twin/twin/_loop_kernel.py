@@ -27,7 +27,6 @@ from ur5_twin.twin.engine import (
     CONTACT_FRAME,
     CONTACT_GEOMS,
     CONTACT_POS,
-    Engine,
     mj_contact_force,
     mj_step,
 )

@@ -19,6 +19,7 @@ from ur5_twin.arm.drive import JointDrives
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.friction import FRICTIONLESS
 from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.arm.parameters import Limits as JointLimits
 from ur5_twin.control import computed_torque
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
@@ -29,10 +30,14 @@ from ur5_twin.twin.sample import Prediction
 
 #: Longest physics step, s. The wrist's inertia without rotors is 1e-4 kg m^2; MuJoCo's own default is the same.
 SUBSTEP = 0.002
+#: An arm with drives holds its start for as long before anything begins, s.
+REST = 1.0
 #: A step of a joint's target that no log of a sound robot has, rad.
 _IMPOSSIBLE_STEP = 0.1
 #: Rows for contacts per physics step on average; a run that needs more is cut into shorter ones by its caller.
 _CONTACTS_PER_STEP = 8
+#: Ticks while the arm is held, s.
+_HOLDING = 0.008
 _NOBODY = kernel.Pushes(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0, int), np.zeros((0, 0, 6)))
 
 
@@ -105,10 +110,13 @@ class ClosedLoop:
         self._engine = engine.connect(self.model, self.data)
         self._servo = _servo(controller, gains, law)
         self._drives = _drives(plant, drives)
-        self._guard = _guard(controller, limits or Limits(), set_over=set_over)
+        self._arm_limits = controller.limits
+        self._guard = _guard(controller.limits, limits or Limits(), set_over=set_over)
+        self._has_drives = drives is not None
         self._state = kernel.State(*(np.zeros(6) for _ in range(5)), np.zeros((2, 6)))
         names = {name: i for i, name in enumerate(mjcf.BODY_NAMES, start=1)} | {"tool": 7, "payload": 7}
         self.body_link = np.array([names.get(self.model.body(i).name, 0) for i in range(self.model.nbody)])
+        self._flange = self.body(mjcf.BODY_NAMES[-1])
         self._moment = np.zeros(6)
         self._warm = np.ones((1, 6))
         self._one = (np.zeros((2, 3, 6)), np.zeros(1), np.zeros(1, dtype=np.int64), new_trace(8))
@@ -133,6 +141,22 @@ class ClosedLoop:
         self._state.qd[:] = qd
         self.data.qpos[:6] = q
         self._just_reset = True
+
+    def hold(self, target: np.ndarray, seconds: float) -> None:
+        """Let the arm stand at a target (3, 6) until servo and friction are where a rest leaves them.
+
+        Raises:
+            SimulationError: it does not hold it.
+        """
+        n = max(1, round(seconds / _HOLDING))
+        _, ending = self.run(np.tile(target, (n + 1, 1, 1)), np.full(n, _HOLDING))
+        if not ending.complete:
+            raise SimulationError(f"the arm does not hold its start: {self.explain(ending)}")
+
+    @property
+    def feels(self) -> bool:
+        """Whether it has motors and gears of its own: friction, torque constants that the controller does not know."""
+        return self._has_drives
 
     def tell_payload(self, controller: ArmModel) -> None:
         """Replace the model that the controller linearises with, as set_payload does."""
@@ -194,6 +218,13 @@ class ClosedLoop:
         if why != kernel.DONE:
             raise SimulationError(self.explain(Ending(0, why, joint)))
 
+    def push_on_flange(self, before: np.ndarray, after: np.ndarray, dt: float) -> kernel.Pushes:
+        """A wrench at the flange in base axes that goes from ``before`` (6,) to ``after`` (6,) within a tick."""
+        steps = int(self.steps_of(np.array([dt]))[0])
+        share = (np.arange(steps) / steps)[:, None]
+        wrench = before + share * (after - before)
+        return kernel.Pushes(np.array([self._flange]), np.zeros((1, 3)), np.zeros(1, dtype=np.int64), wrench[:, None])
+
     def state(self, target: np.ndarray) -> Prediction:
         """The arm's state, and torque and current that the controller asks for in it, with the reference at ``target``.
 
@@ -227,9 +258,9 @@ class ClosedLoop:
             return "the arm touches its cell in more points than a contact can have: does it start inside something?"
         return "the simulation diverged: softer gains, softer contacts or a plant with rotor inertia may help"
 
-    def without_limits(self) -> None:
-        """After a protective stop: what follows is no reason for another."""
-        self._guard = self._guard._replace(deviation=math.inf, force=math.inf, speed=np.full(6, math.inf))
+    def with_limits(self, limits: Limits) -> None:
+        """Replace the limits of the protective stop."""
+        self._guard = _guard(self._arm_limits, limits, set_over=self._guard.set_over == 1)
 
     def _call(
         self,
@@ -313,12 +344,12 @@ def _drives(plant: ArmModel, drives: JointDrives | None) -> kernel.Drives:
     )
 
 
-def _guard(controller: ArmModel, limits: Limits, *, set_over: bool) -> kernel.Guard:
+def _guard(arm: JointLimits, limits: Limits, *, set_over: bool) -> kernel.Guard:
     return kernel.Guard(
         target_step=_IMPOSSIBLE_STEP,
-        fastest=float(controller.limits.qd.max()),
+        fastest=float(arm.qd.max()),
         deviation=limits.deviation,
-        speed=controller.limits.qd * limits.speed,
+        speed=arm.qd * limits.speed,
         force=limits.force,
         smoothing=1.0 / 12.0,
         set_over=int(set_over),

@@ -10,7 +10,7 @@ import numpy as np
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.errors import ReplayError
-from ur5_twin.twin.closed_loop import ClosedLoop
+from ur5_twin.twin.closed_loop import REST, ClosedLoop
 from ur5_twin.twin.sample import Prediction, Sample
 
 #: A longer silence of the robot than this is not bridged: the twin starts again from the next measured state, s.
@@ -45,13 +45,25 @@ class ServoTwin:
         """The closed loop's state at ``sample.time``."""
         last, self._last = self._last, sample
         if last is None:
-            self._loop.reset(sample.actual_q, sample.actual_qd)
+            self._begin(sample)
         elif (dt := _interval(last, sample)) > LONGEST_GAP:
             self.restarts.append(sample.time)
-            self._loop.reset(sample.actual_q, sample.actual_qd)
-        else:
+            self._begin(sample)
+        elif last.wrench is None or sample.wrench is None:
             self._loop.advance(_target(last), _target(sample), dt)
+        else:
+            push = self._loop.push_on_flange(last.wrench, sample.wrench, dt)
+            self._loop.advance(_target(last), _target(sample), dt, push)
         return self._loop.state(_target(sample))
+
+    def _begin(self, sample: Sample) -> None:
+        target = _target(sample)
+        if self._loop.feels and not target[1:].any():
+            # Servo and friction remember: an arm that stands has stood for a while.
+            self._loop.reset(target[0], target[1])
+            self._loop.hold(target, REST)
+        else:
+            self._loop.reset(sample.actual_q, sample.actual_qd)
 
 
 class ShadowTwin:

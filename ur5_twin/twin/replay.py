@@ -9,12 +9,13 @@ from typing import Literal
 import numpy as np
 
 from ur5_twin.arm import kinematics
-from ur5_twin.arm.drive import LinearDrive
+from ur5_twin.arm.drive import JointDrives, LinearDrive
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
 from ur5_twin.errors import ReplayError, SimulationError
+from ur5_twin.recording import force_sensor
 from ur5_twin.recording.table import Note, Recording
 from ur5_twin.sources.recorded import RecordedSource
 from ur5_twin.twin.closed_loop import ClosedLoop
@@ -22,6 +23,7 @@ from ur5_twin.twin.lockstep import LONGEST_GAP, ServoTwin, ShadowTwin
 
 Mode = Literal["servo", "shadow"]
 MODES: tuple[Mode, ...] = ("servo", "shadow")
+WrenchSource = Literal["none", "measured"]
 #: Rows between two calls of a progress callback.
 _PROGRESS_EVERY = 250
 #: Steps of a target that are worth a word in the report, rad.
@@ -43,6 +45,10 @@ class ReplaySettings:
         drive: map from torque and velocity to actual_current.
         target_current: law from target_moment and target_qd to target_current.
         mode: ``servo`` or ``shadow``.
+        joints: the simulated arm's motors and gears; None for motors that give what the controller asks for, without
+            friction.
+        wrench: what pushes the simulated arm: nothing, or the wrench that the log's force sensor ``measured``, by the
+            sensor's place on the plant's tool.
     """
 
     model: ArmModel
@@ -51,6 +57,8 @@ class ReplaySettings:
     drive: LinearDrive
     target_current: TargetCurrentLaw
     mode: Mode = "servo"
+    joints: JointDrives | None = None
+    wrench: WrenchSource = "none"
 
 
 def replay(
@@ -71,22 +79,24 @@ def replay(
     Raises:
         ReplayError: a needed signal is missing, the clock does not increase or the simulation fails.
     """
-    source = RecordedSource(recording)
+    simulated = settings.mode == "servo" and settings.joints is not None
+    source = RecordedSource(recording, _measured_wrench(recording, settings), held=simulated)
     if settings.mode == "servo" and source.missing_targets:
         raise ReplayError(
             f"{recording.source}: servo replay follows targets, and the log has no "
             f"{', '.join(source.missing_targets)}; use --mode shadow (mode='shadow')"
         )
-    # The simulated loop knows its tool: with the thesis' soft gains one that it does not know would pull it off by
-    # centimetres, which the real servo does not let happen.
-    loop = ClosedLoop(settings.model.with_tool(settings.plant.tool), settings.plant, settings.gains)
+    loop = _loop(settings)
     twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
-    q, qd, moment = (np.empty((len(source), 6)) for _ in range(3))
+    q, qd, moment, current = (np.empty((len(source), 6)) for _ in range(4))
     for row, sample in enumerate(source):
         try:
-            q[row], qd[row], moment[row] = twin.tick(sample)[:3]
+            said = twin.tick(sample)
         except (ReplayError, SimulationError) as error:
             raise ReplayError(f"{recording.source}, row {row + 1}: {error}") from None
+        q[row], qd[row], moment[row] = said.q, said.qd, said.moment
+        if simulated:
+            current[row] = said.current
         if progress is not None and row % _PROGRESS_EVERY == 0:
             progress(row)
     if progress is not None:
@@ -99,7 +109,7 @@ def replay(
         "sim_actual_qd": qd,
         "sim_actual_TCP_pose": kinematics.tcp_pose(settings.model, q),
         "sim_moment": moment,
-        "sim_actual_current": settings.drive.current(moment, motion_qd),
+        "sim_actual_current": current if simulated else settings.drive.current(moment, motion_qd),
     }
     if not source.missing_targets:
         target_moment = Dynamics(settings.model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
@@ -123,6 +133,40 @@ def replay(
         what = f"a motor of the twin is at its torque limit in {at_limit.sum():,} of {len(robot):,} rows"
         notes.append(Note(_NOTED_BY, what))
     return replace(recording, tables={**recording.tables, "robot": table}, notes=(*kept, *notes))
+
+
+def _loop(settings: ReplaySettings) -> ClosedLoop:
+    if settings.joints is not None and settings.mode == "servo":
+        # As in the lab: the controller knows the payload it was told of, the arm carries what it carries.
+        return ClosedLoop(
+            settings.model, settings.plant, settings.gains, law=settings.target_current, drives=settings.joints
+        )
+    # The simulated loop knows its tool: with the thesis' soft gains one that it does not know would pull it off by
+    # centimetres, which the real servo does not let happen.
+    return ClosedLoop(settings.model.with_tool(settings.plant.tool), settings.plant, settings.gains)
+
+
+def _measured_wrench(recording: Recording, settings: ReplaySettings) -> np.ndarray | None:
+    """(n, 6) the wrench that the log's force sensor measured, for each row of the robot's table."""
+    if settings.wrench == "none":
+        return None
+    if settings.mode != "servo":
+        raise ReplayError("a measured wrench pushes the closed loop: use --mode servo (mode='servo')")
+    tool = settings.plant.tool
+    if tool is None or force_sensor.FT_SENSOR not in tool.sensors:
+        raise ReplayError(
+            f"--wrench measured needs to know where the force sensor sits: give a tool with {force_sensor.FT_SENSOR} "
+            f"(--tool {force_sensor.FT_SENSOR})"
+        )
+    aligned = recording.aligned()
+    if "ft_wrench" not in aligned:
+        raise ReplayError(f"{recording.source}: --wrench measured needs a force sensor's readings, the log has none")
+    readings = aligned["ft_wrench"]
+    # Before the sensor's first and after its last reading nothing is known to push.
+    wrench = force_sensor.on_arm(
+        readings, kinematics.forward(settings.plant, aligned["actual_q"]), tool, force_sensor.sensor_bias(recording)
+    )
+    return np.nan_to_num(wrench, nan=0.0)
 
 
 def _notes(source: RecordedSource, mode: Mode, loop: ClosedLoop, restarts: list[float]) -> list[Note]:

@@ -14,12 +14,15 @@ class Sample(NamedTuple):
         time: seconds on the robot's own clock.
         actual_q, actual_qd: (6,) measured joint positions and velocities, rad and rad/s.
         target: (3, 6) target_q, target_qd, target_qdd: rad, rad/s, rad/s^2; None if the robot does not publish them.
+        wrench: (6,) measured force and moment on the arm at the flange in base axes, N and Nm; None if the twin is not
+            to feel it.
     """
 
     time: float
     actual_q: np.ndarray
     actual_qd: np.ndarray
     target: np.ndarray | None = None
+    wrench: np.ndarray | None = None
 
 
 class Prediction(NamedTuple):

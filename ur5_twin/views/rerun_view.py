@@ -115,7 +115,7 @@ def log_rows(
         model: the arm that is drawn.
         first_tick: number of rows sent before.
         sensor_bias: (6,) what the force sensor reads without load; from the rows' own first 0.3 s if not given, so give
-            that of the first piece (``wrenches.sensor_bias``) with every later one.
+            that of the first piece (``recording.force_sensor.sensor_bias``) with every later one.
     """
     from ur5_twin.views import rerun_plots as plots
     from ur5_twin.views import rerun_scene as scene

@@ -6,15 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ur5_twin import spatial
 from ur5_twin.arm.parameters import Tool
+from ur5_twin.recording.force_sensor import on_arm, sensor_bias
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.views.style import ESTIMATES, SENSOR, TARGET, TRUTH, has
-
-#: The sensor's reading of this long from its beginning is taken for its bias, s.
-TARE_TIME = 0.3
-#: Where ``Tool.sensors`` says where ``ft_wrench`` is measured.
-_FT_SENSOR = "ati_gamma"
 
 
 @dataclass(frozen=True)
@@ -46,10 +41,11 @@ def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.nda
     aligned = recording.aligned()
     found = []
     if has(aligned, "actual_TCP_force"):
-        found.append(Wrench("controller", "controller's estimate", TARGET, aligned["actual_TCP_force"]))
+        # The controller publishes what the arm does to its surroundings.
+        found.append(Wrench("controller", "controller's estimate", TARGET, -aligned["actual_TCP_force"]))
     if has(aligned, "ft_wrench"):
         unloaded = sensor_bias(recording) if bias is None else bias
-        found.append(Wrench("sensor", "force sensor", SENSOR, _on_arm(aligned["ft_wrench"], X_BF, tool, unloaded)))
+        found.append(Wrench("sensor", "force sensor", SENSOR, on_arm(aligned["ft_wrench"], X_BF, tool, unloaded)))
     estimates = [name for name in sorted(aligned.columns) if name.startswith("est_") and _is_wrench(aligned, name)]
     for number, name in enumerate(estimates):
         label = name.removeprefix("est_").removesuffix("_wrench").replace("_", " ")
@@ -69,24 +65,6 @@ def reference(found: list[Wrench]) -> Wrench | None:
     return None
 
 
-def sensor_bias(recording: Recording) -> np.ndarray:
-    """(6,) mean of the force sensor's first 0.3 s in its own axes; zero if there is no sensor."""
-    table = recording.tables.get("ft")
-    if table is None or not has(table, "ft_wrench"):
-        return np.zeros(6)
-    known = np.isfinite(table["ft_wrench"]).all(axis=1)
-    time, values = table.time[known], table["ft_wrench"][known]
-    return values[time <= time[0] + TARE_TIME].mean(axis=0)
-
-
 def _is_wrench(table: Table, name: str) -> bool:
     named = "wrench" in name or "force" in name.lower()
     return named and table[name].shape[1] == 6 and has(table, name)
-
-
-def _on_arm(ft_wrench: np.ndarray, X_BF: np.ndarray, tool: Tool | None, bias: np.ndarray) -> np.ndarray:
-    # The sensor reports the reaction: what the arm does to the world.
-    on_sensor = bias - ft_wrench
-    if tool is not None and _FT_SENSOR in tool.sensors:
-        on_sensor = spatial.shift_wrench(on_sensor, -tool.sensors[_FT_SENSOR])
-    return spatial.rotate_wrench(X_BF[:, :3, :3], on_sensor)
