@@ -36,6 +36,8 @@ ur5-twin replay lab_logs/kufieta2014/Movement_No6_Acc_slow_Verify_Model --rerun
 ur5-twin replay robot_data.csv --mode shadow --model plant --out out/shadow
 
 ur5-twin replay out/shadow --model c   [dim]# the same log again, another model[/dim]
+
+ur5-twin replay lab_logs/kufieta2014/Movement_No10_Standstill_ForceSensor_All --tool ati_gamma --wrench measured
 """
 
 _MODEL_EXAMPLES = """[bold]Examples[/bold]
@@ -61,6 +63,13 @@ class Mode(StrEnum):
 
     servo = "servo"
     shadow = "shadow"
+
+
+class Wrench(StrEnum):
+    """What pushes the simulated arm in a replay."""
+
+    none = "none"
+    measured = "measured"
 
 
 def main() -> None:
@@ -136,11 +145,34 @@ def replay(
     ] = "controller",
     plant: Annotated[
         str | None,
-        typer.Option(autocompletion=_complete_models, help="Model that is simulated. Default: the controller's."),
+        typer.Option(
+            autocompletion=_complete_models,
+            help="Model that is simulated. Default: the controller's; with --joints, plant.",
+        ),
     ] = None,
     gains: Annotated[
-        str, typer.Option("--gains", "-g", autocompletion=_complete_gains, help="PD gains: a preset's name or a TOML.")
-    ] = "thesis_c",
+        str | None,
+        typer.Option(
+            "--gains",
+            "-g",
+            autocompletion=_complete_gains,
+            help="Gains of the servo: a preset's name or a TOML. Default: thesis_c; with --joints, servo.",
+        ),
+    ] = None,
+    joints: Annotated[
+        str | None,
+        typer.Option(
+            help="Motors, gears and friction of the simulated arm: 'plant', a TOML, or 'none' for motors that give what "
+            "the controller asks for. Default: none; with --wrench measured, plant."
+        ),
+    ] = None,
+    wrench: Annotated[
+        Wrench,
+        typer.Option(
+            help="[bold]measured[/bold]: what the log's force sensor read pushes the simulated arm; needs --tool "
+            "ati_gamma or another that carries the sensor."
+        ),
+    ] = Wrench.none,
     target_current: Annotated[
         Path | None, typer.Option(help="TOML of the controller's current law. Default: the one that ships.")
     ] = None,
@@ -184,7 +216,7 @@ def replay(
     if rerun or spawn:
         rerun_view.need_rerun()
     _quiet_engine()
-    settings = _settings(model, plant, gains, drive, target_current, tool, payload, mode)
+    settings = _settings(model, plant, gains, joints, wrench, drive, target_current, tool, payload, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
     folder = output_folder(out, recording, source)
@@ -326,26 +358,37 @@ def fetch(
 def _settings(
     model: str,
     plant: str | None,
-    gains: str,
+    gains: str | None,
+    joints: str | None,
+    wrench: Wrench,
     drive: str,
     target_current: Path | None,
     tool: str,
     payload: str,
     mode: Mode,
 ) -> ReplaySettings:
-    from ur5_twin.arm.drive import load_drive
+    from ur5_twin.arm.drive import load_drive, load_joint_drives
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.control.gains import load_gains
     from ur5_twin.control.target_current import load_target_current_law
     from ur5_twin.twin.replay import ReplaySettings
 
+    if joints is None:
+        joints = "plant" if wrench is Wrench.measured else "none"
+    rubs = joints != "none"
+    if gains is None:
+        gains = "servo" if rubs else "thesis_c"
+    if plant is None:
+        plant = "plant" if rubs else model
     return ReplaySettings(
         model=load_model(model, payload),
-        plant=load_model(model if plant is None else plant, tool),
+        plant=load_model(plant, tool),
         gains=load_gains(gains),
         drive=load_drive(drive),
         target_current=load_target_current_law(target_current),
         mode=mode.value,
+        joints=load_joint_drives(joints) if rubs else None,
+        wrench=wrench.value,
     )
 
 

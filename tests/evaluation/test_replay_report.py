@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ur5_twin.arm.drive import load_drive
+from ur5_twin.arm.drive import load_drive, load_joint_drives
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
@@ -80,3 +81,25 @@ def test_markdown_has_the_numbers_in_readable_units(settings: ReplaySettings) ->
     text = render_markdown(summarise(recording(**columns), settings), [])
     assert "| position | mrad | 1.50 |" in text
     assert "log_q_actual.csv, row 3: cut" in text
+
+
+def test_the_answer_to_a_push_is_compared_where_currents_change(settings: ReplaySettings) -> None:
+    n = 200
+    rng = np.random.default_rng(3)
+    change = rng.uniform(-2.0, 2.0, (n, 6))
+    change[:, 5] = 0.1
+    held = np.zeros((n, 6))
+    columns = {name: held for name in ("target_q", "target_qd", "target_qdd", "target_moment", "target_current")}
+    columns |= {"actual_q": held + 3e-4, "sim_actual_q": held - 2e-4, "sim_target_current": held, "sim_moment": held}
+    columns |= {"actual_current": change, "sim_actual_current": 0.8 * change}
+    # While the arm is idle a published target follows the arm; the error is from where the servo holds it.
+    columns["target_q"] = np.where(np.arange(n)[:, None] > 0, 3e-4, 0.0) + held
+    table = Table("robot", np.arange(n) * 0.008, columns)
+    moving = replace(settings, joints=load_joint_drives(), gains=load_gains("servo"))
+    report = summarise(Recording({"robot": table}, "run", "lab"), moving)
+    assert report["tracking"]["error_max_measured_rad"] == pytest.approx([3e-4] * 6)
+    assert report["tracking"]["error_max_twin_rad"] == pytest.approx([2e-4] * 6)
+    assert report["current_change"]["slope"] == pytest.approx([0.8] * 5 + [None])
+    assert report["current_change"]["correlation"] == pytest.approx([1.0] * 5 + [None])
+    assert "current change, slope of the twin's" in render_markdown(report, [])
+    assert json.loads(render_json(report))["wrench"] == "none"

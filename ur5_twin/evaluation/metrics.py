@@ -18,3 +18,10 @@ def largest(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
 def bias(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """Mean of predicted - measured over the rows where both are numbers, (width,)."""
     return np.nanmean(predicted - measured, axis=0)
+
+
+def likeness(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """Correlation of two signals (n,) and the slope of the predicted against the measured one, by least squares."""
+    x, y = measured - measured.mean(), predicted - predicted.mean()
+    spread = float(x @ x)
+    return float(x @ y / np.sqrt(spread * (y @ y))), float(x @ y / spread)

@@ -17,8 +17,11 @@ from ur5_twin.arm.parameters import JOINT_NAMES
 from ur5_twin.evaluation import metrics
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.recording.table import Recording
+from ur5_twin.sources.recorded import commanded
 from ur5_twin.twin.replay import ReplaySettings
 
+#: A change of a current worth comparing, A, and how many rows of it a correlation needs.
+_CHANGE, _ENOUGH = 0.3, 50
 _LIBRARIES = ("mujoco", "dm-control", "numpy", "scipy", "numba", "polars")
 
 
@@ -85,6 +88,10 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
     if "target_moment" in report:
         closed_loop = metrics.mean_absolute(robot["target_moment"], robot["sim_moment"])
         report["target_moment"]["closed_loop_mae_nm"] = _six(closed_loop)
+    if settings.joints is not None and settings.mode == "servo":
+        report["joints"] = settings.joints.source
+        report["wrench"] = settings.wrench
+        _add_push(report, recording)
     if "actual_current" in robot and "target_current" in robot:
         own = metrics.mean_absolute(robot["actual_current"], robot["target_current"])
         report["actual_current"]["controller_mae_a"] = _six(own)
@@ -103,6 +110,34 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
     }
     report["versions"] = versions()
     return report
+
+
+def _add_push(report: dict[str, Any], recording: Recording) -> None:
+    """How the simulated servo and drives answer beside the real ones.
+
+    ``tracking.error_max_*_rad``: largest distance of each joint from where the servo holds it, measured and twin.
+    ``current_change``: what pushes and friction do to the currents, actual_current minus target_current, where it is
+    above 0.3 A: rows, correlation and slope of the twin's against the measured one; null where there are too few rows.
+    """
+    robot = recording.robot
+    targets = commanded(np.stack([robot[f"target_{name}"] for name in ("q", "qd", "qdd")], axis=1))[:, 0]
+    for who, column in (("measured", "actual_q"), ("twin", "sim_actual_q")):
+        report["tracking"][f"error_max_{who}_rad"] = _six(metrics.largest(robot[column], targets))
+    if "actual_current" not in robot or "target_current" not in robot:
+        return
+    measured = robot["actual_current"] - robot["target_current"]
+    twin = robot["sim_actual_current"] - robot["sim_target_current"]
+    changed = (np.abs(measured) > _CHANGE) & np.isfinite(twin)
+    likeness = [
+        metrics.likeness(measured[rows, joint], twin[rows, joint]) if rows.sum() >= _ENOUGH else None
+        for joint, rows in enumerate(changed.T)
+    ]
+    report["current_change"] = {
+        "threshold_a": _CHANGE,
+        "rows": [int(rows.sum()) for rows in changed.T],
+        "correlation": [None if item is None else item[0] for item in likeness],
+        "slope": [None if item is None else item[1] for item in likeness],
+    }
 
 
 def versions() -> dict[str, str]:
@@ -133,12 +168,29 @@ def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
     return rows
 
 
+def answer_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
+    """The same for how servo and drives answer to pushes and friction; no rows if the twin did not simulate them."""
+    rows = []
+    for who in ("measured", "twin"):
+        values = report["tracking"].get(f"error_max_{who}_rad")
+        if values is not None:
+            rows.append((f"largest position error, {who}", "mrad", [value * 1e3 for value in values]))
+    change = report.get("current_change")
+    if change is not None:
+        for key in ("correlation", "slope"):
+            values = [math.nan if value is None else value for value in change[key]]
+            rows.append((f"current change, {key} of the twin's", "", values))
+    return rows
+
+
 def short_number(value: float) -> str:
-    """A number that is not negative in at most six characters, for a table."""
+    """A number in at most six characters, for a table."""
     if value == 0:
         return "0"
     if not math.isfinite(value):
         return "-"
+    if value < 0:
+        return f"-{short_number(-value)}"
     if value < 1e-4:
         return "<1e-4"
     return f"{value:.{max(0, min(4, 2 - math.floor(math.log10(value))))}f}"
@@ -161,6 +213,21 @@ def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
             words=2,
         ),
     ]
+    answers = answer_rows(report)
+    if answers:
+        lines += [
+            "",
+            "## How the servo and the drives answer",
+            "",
+            "Position errors are distances from where the servo holds the joint. A current's change is actual_current "
+            f"minus target_current, compared where it is above {_CHANGE} A:",
+            "",
+            markdown(
+                ("quantity", "unit", *JOINT_NAMES),
+                [(label, unit, *map(short_number, values)) for label, unit, values in answers],
+                words=2,
+            ),
+        ]
     for title, key, none in (
         ("What the reader found in the log", "notes", "Nothing worth a word."),
         ("What was repaired", "repairs", "Nothing."),
