@@ -184,7 +184,10 @@ def test_currents_and_torques_belong_together(plant: ArmModel) -> None:
     drives = load_joint_drives()
     trace = run(loop, motion())
     np.testing.assert_allclose(
-        trace.motor_torque, drives.torque_constant * trace.current + drives.offset, rtol=1e-12, atol=1e-9
+        trace.motor_torque,
+        drives.torque_constant * trace.current + drives.offset + drives.ripple.torque(trace.q),
+        rtol=1e-12,
+        atol=1e-9,
     )
 
 

@@ -50,19 +50,47 @@ class LinearDrive:
 
 
 @dataclass(frozen=True)
+class Ripple:
+    """Torque that comes and goes with the joint's angle, one row a term: sum of A cos(n q + phi).
+
+    The motor and the gear's wave generator turn 101 times as fast as the joint, so n is a multiple of that.
+
+    Attributes:
+        order: n, (terms,).
+        amplitude: A, (terms, 6) Nm.
+        phase: phi, (terms, 6) rad.
+    """
+
+    order: np.ndarray
+    amplitude: np.ndarray
+    phase: np.ndarray
+
+    def torque(self, q: np.ndarray) -> np.ndarray:
+        """(..., 6) Nm at joint positions (..., 6) rad."""
+        angle = self.order[:, None] * np.asarray(q)[..., None, :] + self.phase
+        return (self.amplitude * np.cos(angle)).sum(axis=-2)
+
+
+#: Motors and gears that run evenly.
+NO_RIPPLE = Ripple(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
+
+
+@dataclass(frozen=True)
 class JointDrives:
-    """The plant's motors and gears: tau_motor = k_t i + b, and what friction takes of it.
+    """The plant's motors and gears: tau_motor = k_t i + b + ripple(q), and what friction takes of it.
 
     Attributes:
         torque_constant: k_t, (6,) Nm/A at the joint.
         offset: b, (6,) Nm.
         friction: of the joints.
-        source: where the torque constants come from.
+        ripple: of the torque with the joint's angle.
+        source: where the numbers come from.
     """
 
     torque_constant: np.ndarray
     offset: np.ndarray
     friction: Friction
+    ripple: Ripple
     source: str
 
 
@@ -120,6 +148,12 @@ def load_joint_drives(name: str | Path = "plant") -> JointDrives:
     key, spec = files.choose(name, "ur5_joints.toml", files.JointDrivesSpec, "joints")
     if spec.cold_viscous_ratio < 1.0:
         raise ModelError(f"{key}: cold_viscous_ratio is {spec.cold_viscous_ratio}; a cold drive rubs more, not less")
+    least = np.minimum(spec.coulomb_positive_nm, spec.coulomb_negative_nm) + spec.stribeck_nm
+    if (least < 0).any():
+        raise ModelError(
+            f"{key}: stribeck_nm of joint {int(np.argmin(least)) + 1} takes more than coulomb friction gives: no joint "
+            "drives itself"
+        )
     friction = Friction(
         coulomb_positive=np.array(spec.coulomb_positive_nm),
         coulomb_negative=np.array(spec.coulomb_negative_nm),
@@ -132,4 +166,9 @@ def load_joint_drives(name: str | Path = "plant") -> JointDrives:
         warming_time=spec.warming_time_s,
         source=spec.source,
     )
-    return JointDrives(np.array(spec.torque_constant_nm_a), np.array(spec.offset_nm), friction, spec.source)
+    ripple = Ripple(
+        order=np.array([term.order for term in spec.ripple]),
+        amplitude=np.array([term.amplitude_nm for term in spec.ripple]).reshape(-1, 6),
+        phase=np.array([term.phase_rad for term in spec.ripple]).reshape(-1, 6),
+    )
+    return JointDrives(np.array(spec.torque_constant_nm_a), np.array(spec.offset_nm), friction, ripple, spec.source)

@@ -109,7 +109,7 @@ class ModelFile(Strict, frozen=True):
 
 class PartSpec(Strict, frozen=True):
     name: str
-    shape: Literal["cylinder", "box"]
+    shape: Literal["cylinder", "box", "sphere"]
     mass_kg: Positive
     center_mm: Three
     height_mm: Positive | None = None
@@ -120,9 +120,10 @@ class PartSpec(Strict, frozen=True):
 class ToolSpec(Strict, frozen=True):
     title: str
     source: str
-    sensor_frame_mm: Three
-    sensor_frame_source: str
     parts: tuple[PartSpec, ...]
+    mount_height_mm: Positive | None = None
+    sensor_frame_mm: Three | None = None
+    sensor_frame_source: str | None = None
 
 
 class GainsSpec(Strict, frozen=True):
@@ -141,19 +142,26 @@ class DriveSpec(Strict, frozen=True):
     dead_zone_rad_s: NonNegative
 
 
+class RippleSpec(Strict, frozen=True):
+    order: Positive
+    amplitude_nm: SixNonNegative
+    phase_rad: Six
+
+
 class JointDrivesSpec(Strict, frozen=True):
     source: str
     torque_constant_nm_a: SixPositive
     offset_nm: Six
     coulomb_positive_nm: SixNonNegative
     coulomb_negative_nm: SixNonNegative
-    stribeck_nm: SixNonNegative
+    stribeck_nm: Six
     stribeck_speed_rad_s: SixPositive
     load_nm_nm: SixNonNegative
     viscous_nm_s_rad: SixNonNegative
     presliding_mrad: SixPositive
     cold_viscous_ratio: Positive
     warming_time_s: Positive
+    ripple: tuple[RippleSpec, ...] = ()
 
 
 class TargetCurrentSpec(Strict, frozen=True):

@@ -33,7 +33,7 @@ class Friction:
 
     Attributes:
         coulomb_positive, coulomb_negative: Nm, while the joint moves or is pushed in that direction.
-        stribeck: Nm by which breaking loose needs more than sliding.
+        stribeck: Nm by which breaking loose needs more than sliding; negative where friction fades at creeping speed.
         stribeck_speed: rad/s.
         load: Nm per Nm of torque that reaches the link.
         viscous: Nm s/rad of the warm drive.
@@ -83,6 +83,9 @@ class Friction:
         return level * np.sign(qd) + self.viscous * viscous_scale * qd
 
 
+#: Damping of the presliding spring over sqrt(stiffness * rotor inertia): twice the damping ratio.
+_DAMPING = 0.4
+
 #: No friction at all.
 FRICTIONLESS = Friction(
     coulomb_positive=np.zeros(6),
@@ -114,7 +117,7 @@ class PackedFriction(NamedTuple):
 def pack(friction: Friction, rotor_inertia: np.ndarray) -> PackedFriction:
     """The numbers of the law for ``friction_torque``.
 
-    The spring's own damping is half of what would keep the rotor (6,) kg m^2 on it from swinging.
+    The spring's own damping is a fifth of what would keep the rotor (6,) kg m^2 on it from swinging.
 
     Raises:
         ModelError: a joint yields by nothing before it slips.
@@ -130,7 +133,7 @@ def pack(friction: Friction, rotor_inertia: np.ndarray) -> PackedFriction:
         friction.load,
         friction.viscous,
         stiffness,
-        np.sqrt(stiffness * rotor_inertia),
+        _DAMPING * np.sqrt(stiffness * rotor_inertia),
     )
 
 

@@ -4,7 +4,7 @@ One physics step from time t, everything at t but for the engine's qvel, which i
 
 1. the servo asks for a current: i = (M a + C qd + g) / k_c + i_ff  (``control.computed_torque``, friction feed-forward
    of ``control.target_current``), with the controller's numbers;
-2. the drive turns it into torque: tau_m = k_t i + b, limited, with the plant's numbers;
+2. the drive turns it into torque: tau_m = k_t i + b, limited, and its ripple, with the plant's numbers;
 3. friction takes its share (``arm.friction``), pushes are applied to their bodies;
 4. MuJoCo steps. What it found on the way (acceleration, contacts, the bodies' places) belongs to t, and so do the
    contacts' forces: the row of the trace is written from them at no further cost.
@@ -14,6 +14,7 @@ The truth's contact wrench is the sum over contacts, not qfrc_constraint, which 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
@@ -58,13 +59,16 @@ class Servo(NamedTuple):
 
 
 class Drives(NamedTuple):
-    """The plant's motors and gears, each (6,): Nm/A, Nm, Nm, kg m^2."""
+    """The plant's motors and gears, each (6,): Nm/A, Nm, Nm, kg m^2; the ripple's terms as ``arm.drive.Ripple``."""
 
     torque_constant: np.ndarray
     offset: np.ndarray
     limit: np.ndarray
     rotor: np.ndarray
     friction: PackedFriction
+    ripple_order: np.ndarray
+    ripple_amplitude: np.ndarray
+    ripple_phase: np.ndarray
 
 
 class State(NamedTuple):
@@ -211,6 +215,9 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
                 else:
                     # While the motor cannot follow the integral rests, or it would have to be unwound afterwards.
                     state.integral[j] += h * error[j]
+                for r in range(drives.ripple_order.shape[0]):
+                    angle = drives.ripple_order[r] * q[j] + drives.ripple_phase[r, j]
+                    motor += drives.ripple_amplitude[r, j] * math.cos(angle)
                 friction, state.deflection[j] = friction_torque(
                     drives.friction, j, state.deflection[j], h * qvel[j], qd[j], state.link_torque[j],
                     viscous_scale[k, j],

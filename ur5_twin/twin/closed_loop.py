@@ -15,9 +15,10 @@ import mujoco
 import numpy as np
 
 from ur5_twin.arm import friction, mjcf
-from ur5_twin.arm.drive import JointDrives
+from ur5_twin.arm.drive import NO_RIPPLE, JointDrives
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.friction import FRICTIONLESS
+from ur5_twin.arm.mjcf.obstacles import Obstacle
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.arm.parameters import Limits as JointLimits
 from ur5_twin.control import computed_torque
@@ -98,12 +99,14 @@ class ClosedLoop:
         law: TargetCurrentLaw | None = None,
         drives: JointDrives | None = None,
         limits: Limits | None = None,
-        obstacles: Sequence[object] | None = None,
+        obstacles: Sequence[Obstacle] | None = None,
         payload: bool = False,
     ) -> None:
         self._substep = substep
         self._limits = controller.limits.torque
-        self.model = mjcf.compile(plant, collisions=obstacles is not None)
+        self.model = mjcf.compile(
+            plant, collisions=obstacles is not None, obstacles=tuple(obstacles or ()), payload=payload
+        )
         # MuJoCo would otherwise put a diverged arm back to zero and go on.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
@@ -163,7 +166,7 @@ class ClosedLoop:
         self._servo = self._servo._replace(packed=Dynamics(controller).packed)
 
     def carry(self, mass: float, center: np.ndarray, inertia: np.ndarray) -> None:
-        """Hang a payload on the plant's flange; see ``mjcf.obstacles.set_payload``."""
+        """Hang a payload on the plant's flange; see ``mjcf.set_payload``."""
         mjcf.set_payload(self.model, self.data, mass, center, inertia)
 
     def run(
@@ -335,12 +338,16 @@ def _servo(controller: ArmModel, gains: Gains, law: TargetCurrentLaw | None) -> 
 
 
 def _drives(plant: ArmModel, drives: JointDrives | None) -> kernel.Drives:
+    ripple = NO_RIPPLE if drives is None else drives.ripple
     return kernel.Drives(
         np.ones(6) if drives is None else drives.torque_constant,
         np.zeros(6) if drives is None else drives.offset,
         plant.limits.torque,
         plant.rotor_inertia,
         friction.pack(FRICTIONLESS if drives is None else drives.friction, plant.rotor_inertia),
+        ripple.order,
+        ripple.amplitude,
+        ripple.phase,
     )
 
 
