@@ -58,6 +58,10 @@ ur5-twin replay wednesday.csv --model out/mine/controller.toml
 """
 
 
+#: How late the lab's force sensor is, s (docs/servo.md).
+FT_DELAY = 0.075
+
+
 class Mode(StrEnum):
     """How the twin follows a log."""
 
@@ -173,6 +177,15 @@ def replay(
             "ati_gamma or another that carries the sensor."
         ),
     ] = Wrench.none,
+    ft_delay: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="By how many seconds the force sensor's rows are late beside the robot's. Default: the lab's, by the "
+            "motors' answer to pushes.",
+        ),
+    ] = FT_DELAY,
     target_current: Annotated[
         Path | None, typer.Option(help="TOML of the controller's current law. Default: the one that ships.")
     ] = None,
@@ -216,7 +229,7 @@ def replay(
     if rerun or spawn:
         rerun_view.need_rerun()
     _quiet_engine()
-    settings = _settings(model, plant, gains, joints, wrench, drive, target_current, tool, payload, mode)
+    settings = _settings(model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode)
     source = _shipped(path)
     recording = read(source, repair=repair)
     folder = output_folder(out, recording, source)
@@ -361,6 +374,7 @@ def _settings(
     gains: str | None,
     joints: str | None,
     wrench: Wrench,
+    ft_delay: float,
     drive: str,
     target_current: Path | None,
     tool: str,
@@ -389,6 +403,7 @@ def _settings(
         mode=mode.value,
         joints=load_joint_drives(joints) if rubs else None,
         wrench=wrench.value,
+        ft_delay=ft_delay,
     )
 
 

@@ -131,6 +131,7 @@ class GainsSpec(Strict, frozen=True):
     kappa0: SixNonNegative
     kappa1: SixNonNegative
     kappai: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    lag_ms: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class DriveSpec(Strict, frozen=True):

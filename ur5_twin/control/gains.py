@@ -12,12 +12,15 @@ from ur5_twin.arm import files
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a = qdd_d - K0 e - K1 e' - KI int(e) dt with e = q - q_d (thesis equation 2.71 and an integral).
+    """Gains of a = qdd_d - K0 e - K1 e' - KI int(e) dt (thesis equation 2.71 and an integral).
+
+    e = q - (q_d - T qd_d): the servo follows its target by T late, as the real one does; the thesis' does not.
 
     Attributes:
         kappa0: (6,) 1/s^2.
         kappa1: (6,) 1/s.
         kappai: (6,) 1/s^3, zero for the thesis' gains.
+        lag: T, (6,) s, zero for the thesis' gains.
     """
 
     name: str
@@ -25,6 +28,7 @@ class Gains:
     kappa0: np.ndarray
     kappa1: np.ndarray
     kappai: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    lag: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
 
 def gain_names() -> tuple[str, ...]:
@@ -39,4 +43,4 @@ def load_gains(name: str | Path = "thesis_c") -> Gains:
         ModelError: the name is unknown or the file is wrong.
     """
     key, spec = files.choose(name, "gains.toml", files.GainsSpec, "gain set")
-    return Gains(key, spec.source, np.array(spec.kappa0), np.array(spec.kappa1), np.array(spec.kappai))
+    return Gains(key, spec.source, np.array(spec.kappa0), np.array(spec.kappa1), np.array(spec.kappai), np.array(spec.lag_ms) * 1e-3)

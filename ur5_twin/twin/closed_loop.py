@@ -236,7 +236,16 @@ class ClosedLoop:
         servo, state = self._servo, self._state
         q, qd = self.data.qpos[:6].copy(), state.qd.copy()
         computed_torque.law(
-            target, q, qd, servo.kappa0, servo.kappa1, servo.kappai, state.integral, servo.packed, self._moment
+            target,
+            q,
+            qd,
+            servo.kappa0,
+            servo.kappa1,
+            servo.kappai,
+            servo.lag,
+            state.integral,
+            servo.packed,
+            self._moment,
         )
         current = kernel.current_of(servo, self._drives, target, self._moment)
         np.clip(self._moment, -self._limits, self._limits, out=self._moment)
@@ -332,6 +341,7 @@ def _servo(controller: ArmModel, gains: Gains, law: TargetCurrentLaw | None) -> 
         gains.kappa0,
         gains.kappa1,
         gains.kappai,
+        gains.lag,
         np.ones(6) if law is None else law.torque_constant,
         *friction_terms,
     )

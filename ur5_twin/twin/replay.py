@@ -49,6 +49,7 @@ class ReplaySettings:
             friction.
         wrench: what pushes the simulated arm: nothing, or the wrench that the log's force sensor ``measured``, by the
             sensor's place on the plant's tool.
+        ft_delay: s by which the force sensor's rows are late beside the robot's.
     """
 
     model: ArmModel
@@ -59,6 +60,7 @@ class ReplaySettings:
     mode: Mode = "servo"
     joints: JointDrives | None = None
     wrench: WrenchSource = "none"
+    ft_delay: float = 0.0
 
 
 def replay(
@@ -158,9 +160,10 @@ def _measured_wrench(recording: Recording, settings: ReplaySettings) -> np.ndarr
             f"--wrench measured needs to know where the force sensor sits: give a tool with {force_sensor.FT_SENSOR} "
             f"(--tool {force_sensor.FT_SENSOR})"
         )
-    aligned = recording.aligned()
-    if "ft_wrench" not in aligned:
+    table = recording.tables.get("ft")
+    if table is None or "ft_wrench" not in table:
         raise ReplayError(f"{recording.source}: --wrench measured needs a force sensor's readings, the log has none")
+    aligned = recording.with_table(replace(table, time=table.time - settings.ft_delay)).aligned()
     readings = aligned["ft_wrench"]
     # Before the sensor's first and after its last reading nothing is known to push.
     wrench = force_sensor.on_arm(
