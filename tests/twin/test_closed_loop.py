@@ -226,7 +226,7 @@ def test_a_push_of_60_newtons_moves_no_joint_far_and_the_error_goes(plant: ArmMo
 def test_limits_end_a_run_with_a_reason(plant: ArmModel, limits: Limits, why: int, said: str) -> None:
     loop = closed_loop(plant, limits=limits)
     targets = motion()
-    wrench = half_sine(4 * len(targets), 0.2, 2.0, np.array([0.0, -60.0, 0.0, 0.0, 0.0, 0.0]))
+    wrench = half_sine(4 * len(targets), 0.2, 2.0, np.array([0.0, -120.0, 0.0, 0.0, 0.0, 0.0]))
     loop.reset(START, np.zeros(6))
     trace, ending = loop.run(
         np.concatenate([targets, targets[-1:]]), np.full(len(targets), TICK), pushes=push(loop, "tool", wrench)

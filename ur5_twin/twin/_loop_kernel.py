@@ -231,7 +231,7 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
                 trace.motor_torque[row, j] = motor
                 trace.friction_torque[row, j] = friction
                 if s == 0:
-                    residual = servo.torque_constant[j] * (current - extra[j]) - planned[j]
+                    residual = _residual(servo, j, current, qd[j], planned[j])
                     state.residual[j] += guard.smoothing * (residual - state.residual[j])
             if pushes.body.shape[0] > 0:
                 _push(engine, pushes, row)
@@ -261,6 +261,17 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
             if not (abs(qacc[j]) < DIVERGED and abs(state.qd[j]) < DIVERGED):
                 return k, UNSTABLE, j, contact
     return dt.shape[0], DONE, 0, contact
+
+
+@numba.njit(cache=True, nogil=True)
+def _residual(servo, j, current, qd, planned):
+    """Torque that the motor gives beyond the target's and beyond what friction may explain (``control.tcp_force``)."""
+    conductance = 1.0 / servo.torque_constant[j]
+    driving = (current - servo.viscous_driving[j] * qd) / (conductance + servo.load[j]) - planned
+    backdriven = (current - servo.viscous_backdriven[j] * qd) / (conductance - servo.load[j]) - planned
+    if driving * backdriven < 0.0:
+        return 0.0
+    return driving if abs(driving) < abs(backdriven) else backdriven
 
 
 @numba.njit(cache=True, nogil=True)

@@ -24,6 +24,7 @@ from ur5_twin.arm.parameters import Limits as JointLimits
 from ur5_twin.control import computed_torque
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
+from ur5_twin.control.tcp_force import load_tcp_force_law
 from ur5_twin.errors import SimulationError
 from ur5_twin.twin import _loop_kernel as kernel
 from ur5_twin.twin import engine
@@ -368,6 +369,6 @@ def _guard(arm: JointLimits, limits: Limits, *, set_over: bool) -> kernel.Guard:
         deviation=limits.deviation,
         speed=arm.qd * limits.speed,
         force=limits.force,
-        smoothing=1.0 / 12.0,
+        smoothing=load_tcp_force_law().weight,
         set_over=int(set_over),
     )
