@@ -61,9 +61,10 @@ class RecordedSource:
             targets = np.stack([robot[name] for name in _TARGETS], axis=1)
             self._targets = commanded(targets) if held else targets
         self._wrench = repeat(None) if wrench is None else wrench
+        self._current = robot["actual_current"] if "actual_current" in robot else repeat(None)
 
     def __len__(self) -> int:
         return len(self._time)
 
     def __iter__(self) -> Iterator[Sample]:
-        yield from map(Sample, self._time, self._q, self._qd, self._targets, self._wrench)
+        yield from map(Sample, self._time, self._q, self._qd, self._targets, self._wrench, self._current)

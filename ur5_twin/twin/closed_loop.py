@@ -117,6 +117,8 @@ class ClosedLoop:
         self._arm_limits = controller.limits
         self._guard = _guard(controller.limits, limits or Limits(), set_over=set_over)
         self._has_drives = drives is not None
+        self._controller, self._plant = Dynamics(controller), Dynamics(plant)
+        self._ripple = NO_RIPPLE if drives is None else drives.ripple
         self._state = kernel.State(*(np.zeros(6) for _ in range(5)), np.zeros((2, 6)))
         names = {name: i for i, name in enumerate(mjcf.BODY_NAMES, start=1)} | {"tool": 7, "payload": 7}
         self.body_link = np.array([names.get(self.model.body(i).name, 0) for i in range(self.model.nbody)])
@@ -145,6 +147,26 @@ class ClosedLoop:
         self._state.qd[:] = qd
         self.data.qpos[:6] = q
         self._just_reset = True
+
+    def rest_with(self, current: np.ndarray) -> None:
+        """Let the arm stand where it was reset to with a measured current (6,) A: how a move ended stays in its joints.
+
+        The servo's integral is what asks for that current, and friction takes what the links do not need of it, as far
+        as it can.
+        """
+        servo, drives, q = self._servo, self._drives, self.data.qpos[:6].copy()
+        asked = servo.torque_constant * current - self._controller.gravity(q)
+        acceleration = np.linalg.solve(self._controller.mass_matrix(q), asked)
+        self._state.integral[:] = np.where(servo.kappai > 0, -acceleration / np.maximum(servo.kappai, 1e-9), 0.0)
+        needed = self._plant.gravity(q)
+        given = drives.torque_constant * current + drives.offset + self._ripple.torque(q)
+        taken = given - needed
+        level = np.where(taken > 0, drives.friction.positive, drives.friction.negative) + drives.friction.stribeck
+        level += drives.friction.load * np.abs(needed)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            deflection = np.clip(taken, -level, level) / drives.friction.stiffness
+        self._state.deflection[:] = np.nan_to_num(deflection, posinf=0.0, neginf=0.0)
+        self._state.link_torque[:] = needed
 
     def hold(self, target: np.ndarray, seconds: float) -> None:
         """Let the arm stand at a target (3, 6) until servo and friction are where a rest leaves them.

@@ -61,6 +61,8 @@ class ServoTwin:
         if self._loop.feels and not target[1:].any():
             # Servo and friction remember: an arm that stands has stood for a while.
             self._loop.reset(target[0], target[1])
+            if sample.current is not None:
+                self._loop.rest_with(sample.current)
             self._loop.hold(target, REST)
         else:
             self._loop.reset(sample.actual_q, sample.actual_qd)

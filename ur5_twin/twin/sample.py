@@ -16,6 +16,7 @@ class Sample(NamedTuple):
         target: (3, 6) target_q, target_qd, target_qdd: rad, rad/s, rad/s^2; None if the robot does not publish them.
         wrench: (6,) measured force and moment on the arm at the flange in base axes, N and Nm; None if the twin is not
             to feel it.
+        current: (6,) actual_current, A; None if the robot does not publish it.
     """
 
     time: float
@@ -23,6 +24,7 @@ class Sample(NamedTuple):
     actual_qd: np.ndarray
     target: np.ndarray | None = None
     wrench: np.ndarray | None = None
+    current: np.ndarray | None = None
 
 
 class Prediction(NamedTuple):
