@@ -256,7 +256,7 @@ def test_unknown_names_say_what_is_known(tmp_path: Path) -> None:
 
 def test_names() -> None:
     assert model_names() == ("a", "b", "c", "controller", "plant")
-    assert set(tool_names()) == {"none", "ati_gamma", "xsens_mti", "both"}
+    assert set(tool_names()) == {"none", "ati_gamma", "xsens_mti", "ball_probe", "peg", "both"}
     assert load_model("C").name == "c"
 
 

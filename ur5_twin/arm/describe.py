@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ur5_twin.arm.parameters import JOINT_NAMES, ArmModel, Cylinder, Link, Tool
+from ur5_twin.arm.parameters import JOINT_NAMES, ArmModel, Cylinder, Link, Sphere, Tool
 
 # The thesis prints cylinders and centres to 0.01 mm; sums of a few of them differ by that much without meaning it.
 _NOTABLE_MM = 0.05
@@ -108,6 +108,8 @@ def _tool(tool: Tool) -> Table:
         mass, *rest = _body(part.mass, part.center, part.inertia())
         if isinstance(part, Cylinder):
             shape = f"cylinder, height {_number(part.height * 1e3)}, radius {_number(part.radius * 1e3)}"
+        elif isinstance(part, Sphere):
+            shape = f"sphere, radius {_number(part.radius * 1e3)}"
         else:
             shape = "box " + " x ".join(_number(edge * 1e3) for edge in part.size)
         rows.append((part.name, mass, shape, *rest))

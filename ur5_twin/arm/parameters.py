@@ -5,7 +5,7 @@ Frames are the DH frames of thesis figure 5.6 (equation 2.19); link i carries fr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -17,6 +17,8 @@ from ur5_twin.errors import ModelError, unknown
 
 JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 N_JOINTS = len(JOINT_NAMES)
+#: What the tool ``both`` stands for.
+_BOTH = ("ati_gamma", "xsens_mti")
 
 #: The models that ship, by name, with the file each is read from.
 MODEL_FILES: Mapping[str, str] = {
@@ -80,6 +82,23 @@ class Box:
 
 
 @dataclass(frozen=True)
+class Sphere:
+    """A homogeneous sphere in the frame of the body that carries it: kg, m."""
+
+    name: str
+    mass: float
+    radius: float
+    center: np.ndarray
+
+    def inertia(self) -> np.ndarray:
+        """(3, 3) tensor about its own centre, 2/5 m r^2 along every axis, kg m^2."""
+        return np.eye(3) * (0.4 * self.mass * self.radius**2)
+
+
+Part = Cylinder | Box | Sphere
+
+
+@dataclass(frozen=True)
 class Link:
     """One link of the arm.
 
@@ -108,7 +127,10 @@ class Tool:
     """What is bolted to the flange: mass in kg, centre (3,) in m and tensor (3, 3) about it, in the flange frame.
 
     Attributes:
+        parts: the bodies it is made of, in the flange frame.
         sensors: name -> (3,) origin of the sensor's frame in the flange frame, m; its axes are the flange's.
+        tops: name -> height over the flange of the face that each sensor offers to what is mounted on it, m.
+        height: of the face that another tool can be mounted on, m over the flange; None where there is none.
     """
 
     name: str
@@ -116,9 +138,32 @@ class Tool:
     mass: float
     center: np.ndarray
     inertia: np.ndarray
-    parts: tuple[Cylinder | Box, ...]
+    parts: tuple[Part, ...]
     sensors: Mapping[str, np.ndarray]
+    tops: Mapping[str, float]
+    height: float | None
     source: str
+
+    def distal_to(self, sensor: str) -> tuple[float, np.ndarray, np.ndarray]:
+        """What hangs beyond a sensor: the load of it that a force sensor feels besides contact.
+
+        The sensor's own body does not count, be it on the sensor's far side: no table splits its mass, and a tare takes
+        it off.
+
+        Args:
+            sensor: one of ``sensors``.
+
+        Returns:
+            Mass in kg, mass centre (3,) in m and tensor (3, 3) about that in kg m^2 of all parts mounted on the sensor,
+            in the flange frame; zeros if nothing is.
+
+        Raises:
+            ModelError: the tool has no such sensor.
+        """
+        if sensor not in self.tops:
+            raise ModelError(f"tool '{self.name}': {unknown('sensor', sensor, self.tops)}")
+        beyond = [part for part in self.parts if part.center[2] > self.tops[sensor]]
+        return _together(beyond) if beyond else (0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
@@ -171,7 +216,7 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
 
     Args:
         name: one of ``model_names()`` (upper case too), or a path to a ``.toml`` file.
-        tool: name of a tool to bolt on (``tool_names()``).
+        tool: what to bolt on (``load_tool``).
 
     Raises:
         ModelError: the name is unknown, the file cannot be read, a key is unknown or a value impossible.
@@ -230,26 +275,33 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
 
 
 def tool_names() -> tuple[str, ...]:
-    """Names of the tools that can be bolted on; ``none`` is the bare flange."""
+    """Names of the tools that can be bolted on, alone or on each other; ``none`` is the bare flange."""
     return ("none", *files.read_named("tools.toml", files.ToolSpec), "both")
 
 
 def load_tool(name: str | None) -> Tool | None:
-    """A tool by name: ``none``, ``ati_gamma``, ``xsens_mti`` or ``both`` (the accelerometer on the force sensor).
+    """A tool by name, or several mounted on each other.
+
+    Args:
+        name: one of ``tool_names()``; names joined by ``+`` stand on each other, the lowest first:
+            ``ati_gamma+ball_probe``. ``both`` is ``ati_gamma+xsens_mti``, ``none`` the bare flange.
 
     Raises:
-        ModelError: there is no such tool.
+        ModelError: there is no such tool, one comes twice, or one has no face to mount the next on.
     """
     if name is None or name == "none":
         return None
     specs = files.read_named("tools.toml", files.ToolSpec)
-    if name == "both":
-        below, above = _tool("ati_gamma", specs["ati_gamma"]), specs["xsens_mti"]
-        height = max(part.center[2] + part.height / 2 for part in below.parts if isinstance(part, Cylinder))
-        return _combine("both", below, _tool("xsens_mti", above, shift=np.array([0.0, 0.0, height])))
-    if name not in specs:
-        raise ModelError(unknown("tool", name, tool_names()))
-    return _tool(name, specs[name])
+    layers = [layer for word in name.split("+") for layer in (_BOTH if word == "both" else (word,))]
+    tool: Tool | None = None
+    for layer in layers:
+        if layer not in specs:
+            known = tool_names() if len(layers) == 1 else specs
+            raise ModelError(unknown("tool", layer, known) + "; '+' mounts one on another")
+        if layers.count(layer) > 1:
+            raise ModelError(f"the tool '{name}' has '{layer}' twice; there is one of each")
+        tool = _tool(layer, specs[layer]) if tool is None else _stack(name, tool, layer, specs[layer])
+    return tool if tool is None else replace(tool, name=name)
 
 
 def _link(spec: files.LinkSpec, *, point: bool, sources: Mapping[str, str]) -> Link:
@@ -281,42 +333,56 @@ def _moved(link: Link, change: files.LinkChange) -> Link:
     return replace(link, center=np.array(change.center_mm) * 1e-3, sources={**link.sources, "center": change.source})
 
 
-def _tool(name: str, spec: files.ToolSpec, shift: np.ndarray | None = None) -> Tool:
-    offset = np.zeros(3) if shift is None else shift
+def _tool(name: str, spec: files.ToolSpec, shift: float = 0.0) -> Tool:
+    """A tool of the file, mounted ``shift`` m over the flange."""
+    offset = np.array([0.0, 0.0, shift])
     parts = tuple(_part(name, item, offset) for item in spec.parts)
-    mass, center, tensor = inertia.combine(
-        np.array([part.mass for part in parts]),
-        np.array([part.center for part in parts]),
-        np.array([part.inertia() for part in parts]),
-    )
-    sensors = {name: np.array(spec.sensor_frame_mm) * 1e-3 + offset}
-    return Tool(name, spec.title, mass, center, tensor, parts, sensors, spec.source)
+    height = None if spec.mount_height_mm is None else spec.mount_height_mm * 1e-3 + shift
+    sensors, tops = {}, {}
+    if spec.sensor_frame_mm is not None:
+        if height is None:
+            raise ModelError(f"tools.toml: {name}: a sensor needs 'mount_height_mm', the face that it measures at")
+        sensors[name] = np.array(spec.sensor_frame_mm) * 1e-3 + offset
+        tops[name] = height
+    return Tool(name, spec.title, *_together(parts), parts, sensors, tops, height, spec.source)
 
 
-def _part(tool: str, item: files.PartSpec, offset: np.ndarray) -> Cylinder | Box:
+def _part(tool: str, item: files.PartSpec, offset: np.ndarray) -> Part:
     center = np.array(item.center_mm) * 1e-3 + offset
     if item.shape == "box":
         if item.size_mm is None:
             raise ModelError(f"tools.toml: {tool}.{item.name}: a box needs 'size_mm'")
         return Box(item.name, item.mass_kg, np.array(item.size_mm) * 1e-3, center)
+    if item.shape == "sphere":
+        if item.radius_mm is None:
+            raise ModelError(f"tools.toml: {tool}.{item.name}: a sphere needs 'radius_mm'")
+        return Sphere(item.name, item.mass_kg, item.radius_mm * 1e-3, center)
     if item.height_mm is None or item.radius_mm is None:
         raise ModelError(f"tools.toml: {tool}.{item.name}: a cylinder needs 'height_mm' and 'radius_mm'")
     return Cylinder(item.name, item.mass_kg, item.height_mm * 1e-3, item.radius_mm * 1e-3, "z", center)
 
 
-def _combine(name: str, below: Tool, above: Tool) -> Tool:
-    mass, center, tensor = inertia.combine(
-        np.array([below.mass, above.mass]),
-        np.array([below.center, above.center]),
-        np.array([below.inertia, above.inertia]),
-    )
+def _stack(name: str, below: Tool, layer: str, spec: files.ToolSpec) -> Tool:
+    """``below`` with another tool mounted on it."""
+    if below.height is None:
+        raise ModelError(f"the tool '{name}': nothing can be mounted on what is below '{layer}'; put that last")
+    above = _tool(layer, spec, below.height)
+    parts = (*below.parts, *above.parts)
     return Tool(
         name,
         f"{below.title}, and on it {above.title}",
-        mass,
-        center,
-        tensor,
-        (*below.parts, *above.parts),
+        *_together(parts),
+        parts,
         {**below.sensors, **above.sensors},
+        {**below.tops, **above.tops},
+        above.height,
         f"{below.source}; {above.source}",
+    )
+
+
+def _together(parts: Sequence[Part]) -> tuple[float, np.ndarray, np.ndarray]:
+    return inertia.combine(
+        np.array([part.mass for part in parts]),
+        np.array([part.center for part in parts]),
+        np.array([part.inertia() for part in parts]),
     )

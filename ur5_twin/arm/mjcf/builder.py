@@ -6,12 +6,15 @@ import itertools
 import math
 import re
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ur5_twin.arm.mjcf import looks, scenery
-from ur5_twin.arm.parameters import JOINT_NAMES, ArmModel, Box, Cylinder, Tool
+from ur5_twin.arm.mjcf.obstacles import Obstacle, add_payload, tune
+from ur5_twin.arm.mjcf.obstacles import add as add_obstacles
+from ur5_twin.arm.parameters import JOINT_NAMES, ArmModel, Box, Part, Sphere, Tool
 from ur5_twin.errors import ModelError
 
 with warnings.catch_warnings():
@@ -41,7 +44,13 @@ _TORQUE_DECIMALS = 9
 _AXIS_QUATERNIONS = {"x": [1.0, 0.0, 1.0, 0.0], "y": [1.0, -1.0, 0.0, 0.0], "z": None}
 
 
-def build(model: ArmModel, *, scene: bool = False) -> mjcf.RootElement:
+def build(
+    model: ArmModel,
+    *,
+    scene: bool = False,
+    obstacles: Sequence[Obstacle] = (),
+    payload: bool = False,
+) -> mjcf.RootElement:
     """The arm as MJCF.
 
     Body i's frame is DH frame i (thesis equation 2.19), so mass centres, tensors and cylinders enter as the tables
@@ -51,6 +60,8 @@ def build(model: ArmModel, *, scene: bool = False) -> mjcf.RootElement:
     Args:
         model: the numbers; its tool, if any, is bolted on.
         scene: with a lab around it (floor, stand, lights, cameras).
+        obstacles: what else stands around it. Their stiffness is not in the MJCF: ``compile`` puts it into the model.
+        payload: with a body ``payload`` at the flange that ``set_payload`` gives its mass.
 
     Raises:
         ModelError: MuJoCo cannot take the model, say because two cylinders of a link have one name.
@@ -61,7 +72,8 @@ def build(model: ArmModel, *, scene: bool = False) -> mjcf.RootElement:
         _defaults(root)
         if scene:
             scenery.add(root)
-        _arm(root, model)
+        _arm(root, model, payload)
+        add_obstacles(root, model, BODY_NAMES, obstacles)
         _contact_excludes(root, model, scene)
         _actuators(root, model)
         _keyframes(root)
@@ -80,18 +92,29 @@ def to_mujoco(root: mjcf.RootElement) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(to_xml(root))
 
 
-def compile(model: ArmModel, *, scene: bool = False, collisions: bool = True) -> mujoco.MjModel:
+def compile(
+    model: ArmModel,
+    *,
+    scene: bool = False,
+    collisions: bool = True,
+    obstacles: Sequence[Obstacle] = (),
+    payload: bool = False,
+) -> mujoco.MjModel:
     """The arm as a MuJoCo model.
 
     Args:
         model: the numbers; its tool, if any, is bolted on.
         scene: with a lab around it.
         collisions: False switches all contacts off (free motion, replay), which saves looking for them.
+        obstacles: what the arm can touch, each with its stiffness, damping and friction.
+        payload: with a body ``payload`` at the flange that ``set_payload`` gives its mass.
     """
-    root: Any = build(model, scene=scene)
+    root: Any = build(model, scene=scene, obstacles=obstacles, payload=payload)
     if not collisions:
         root.option.flag.contact = "disable"
-    return to_mujoco(root)
+    mj_model = to_mujoco(root)
+    tune(mj_model, obstacles)
+    return mj_model
 
 
 def _settings(root: Any, model: ArmModel) -> None:
@@ -127,7 +150,7 @@ def _defaults(root: Any) -> None:
     looks.add_materials(root)
 
 
-def _arm(root: Any, model: ArmModel) -> None:
+def _arm(root: Any, model: ArmModel, payload: bool) -> None:
     body = root.worldbody.add("body", name="base")
     body.add("site", name="dh_0", dclass="frame")
     # Fixed to the world: what is seen and hit counts, its mass does not.
@@ -139,6 +162,8 @@ def _arm(root: Any, model: ArmModel) -> None:
     body.add("site", name="flange", dclass="frame", group=3)
     if model.tool is not None:
         _tool(body, model.tool)
+    if payload:
+        add_payload(body)
 
 
 def _link(parent: Any, model: ArmModel, i: int, name: str) -> Any:
@@ -182,10 +207,13 @@ def _inertial(body: Any, mass: float, center: np.ndarray, tensor: np.ndarray) ->
     body.add("inertial", mass=mass, pos=center, fullinertia=packed)
 
 
-def _geom(body: Any, name: str, part: Cylinder | Box, dclass: str) -> None:
+def _geom(body: Any, name: str, part: Part, dclass: str) -> None:
     """A part as a geom. Its mass is the table's; dynamics use the body's inertial, which overrides geoms."""
     if isinstance(part, Box):
         body.add("geom", name=name, dclass=dclass, type="box", size=part.size / 2, pos=part.center, mass=part.mass)
+        return
+    if isinstance(part, Sphere):
+        body.add("geom", name=name, dclass=dclass, type="sphere", size=[part.radius], pos=part.center, mass=part.mass)
         return
     body.add(
         "geom",
