@@ -40,6 +40,17 @@ ur5-twin replay out/shadow --model c   [dim]# the same log again, another model[
 ur5-twin replay lab_logs/kufieta2014/Movement_No10_Standstill_ForceSensor_All --tool ati_gamma --wrench measured
 """
 
+_RUN_EXAMPLES = """[bold]Examples[/bold]
+
+ur5-twin run --list
+
+ur5-twin run press_plate --rerun
+
+ur5-twin run mine.toml --seed 7 --out out/mine
+
+ur5-twin replay out/press_plate/log --tool ati_gamma+ball_probe   [dim]# its log, as if it were the lab's[/dim]
+"""
+
 _MODEL_EXAMPLES = """[bold]Examples[/bold]
 
 ur5-twin model c
@@ -118,6 +129,12 @@ def _complete_models(incomplete: str) -> list[str]:
     from ur5_twin.arm.parameters import model_names
 
     return [name for name in model_names() if name.startswith(incomplete)]
+
+
+def _complete_scenarios(incomplete: str) -> list[str]:
+    from ur5_twin.scenario import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
 
 
 def _complete_gains(incomplete: str) -> list[str]:
@@ -246,6 +263,67 @@ def replay(
     show_replay(report, folder)
     if spawn:
         rerun_view.spawn(replayed, settings.plant)
+
+
+@app.command(epilog=_RUN_EXAMPLES)
+def run(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(autocompletion=_complete_scenarios, help="A scenario that ships, or the path of a TOML file."),
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the scenarios that ship, and leave.")] = False,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the sensors' noise. Default: the scenario's. The motion stays the same.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the scenario>.")
+    ] = None,
+    rerun: Annotated[
+        bool | None,
+        typer.Option("--rerun/--no-rerun", help="Write twin.rrd. Default: if the Rerun SDK is installed."),
+    ] = None,
+    spawn: Annotated[bool, typer.Option("--spawn", help="Open the Rerun viewer at the end.")] = False,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures/*.png.")] = True,
+) -> None:
+    """Run a scenario in the simulated cell: the log that the real robot and sensors would write, and the truth."""
+    from ur5_twin.scenario import load_scenario
+
+    if listed:
+        _list_scenarios()
+        return
+    if scenario is None:
+        raise typer.BadParameter("give a scenario, or --list to see those that ship", param_hint="SCENARIO")
+    from ur5_twin.errors import SimulationError
+    from ur5_twin.terminal import show_run
+    from ur5_twin.twin.scenario_run import ScenarioRun
+    from ur5_twin.views import rerun_view
+    from ur5_twin.views.run_output import run_folder, write_run
+
+    if rerun or spawn:
+        rerun_view.need_rerun()
+    _quiet_engine()
+    loaded = load_scenario(scenario)
+    folder = run_folder(out, loaded.name)
+    running = ScenarioRun(loaded, seed)
+    with progress("run", len(running)) as advance:
+        recording = running.finish(advance)
+    report = write_run(
+        running, recording, folder, rerun=rerun_view.has_rerun() if rerun is None else rerun, figures=figures
+    )
+    show_run(report, folder)
+    if spawn:
+        rerun_view.spawn(recording, running.setup.plant, title=loaded.title, obstacles=running.setup.obstacles)
+    if running.cell.failure is not None:
+        raise SimulationError(f"{running.cell.failure}; what came before it is in {folder}")
+
+
+def _list_scenarios() -> None:
+    from ur5_twin.scenario import load_scenario, scenario_names
+
+    names = scenario_names()
+    width = max(map(len, names))
+    for name in names:
+        print(f"{name:<{width}}  {load_scenario(name).title}")
 
 
 @app.command(epilog=_MODEL_EXAMPLES)

@@ -24,6 +24,32 @@ def progress(label: str, total: int | None) -> Iterator[Callable[..., None]]:
         yield lambda done, of=total: shown.update(task, completed=done, total=of)
 
 
+def show_run(report: dict[str, Any], folder: Path) -> None:
+    """What happened in a run of a scenario, how well the devices tell the truth, and where the rest is."""
+    from rich.console import Console
+
+    from ur5_twin.evaluation.reporting import short_number
+
+    lines = [
+        f"{report['title']}: {report['description']}",
+        f"{report['samples']:,} samples in {report['duration_s']:.1f} s, seed {report['seed']}",
+    ]
+    lines += [f"- {said}" for said in (report["ending"]["stop_reason"], report["ending"]["failure"]) if said]
+    for touch in report["contact"]["touches"]:
+        lines.append(
+            f"- {touch['obstacle']} on {touch['link']}: up to {short_number(touch['largest_force_n'])} N, "
+            f"{touch['duration_s']:.2f} s"
+        )
+    for who, label in (("sensor", "the force sensor"), ("controller", "the controller's own estimate")):
+        errors = report["wrench"][who]["overall"]
+        if errors is not None:
+            force, moment = (", ".join(map(short_number, errors[key])) for key in ("force_mae_n", "moment_mae_nm"))
+            lines.append(f"- {label} is off the truth by [{force}] N and [{moment}] Nm (MAE)")
+    console = Console()
+    for line in (*lines, f"written to {folder}"):
+        console.print(line, highlight=False, markup=False)
+
+
 def show_replay(report: dict[str, Any], folder: Path) -> None:
     """The table of a replay's report, what was found in the log, and where the rest is."""
     from rich.box import SIMPLE
