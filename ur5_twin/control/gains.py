@@ -43,4 +43,11 @@ def load_gains(name: str | Path = "thesis_c") -> Gains:
         ModelError: the name is unknown or the file is wrong.
     """
     key, spec = files.choose(name, "gains.toml", files.GainsSpec, "gain set")
-    return Gains(key, spec.source, np.array(spec.kappa0), np.array(spec.kappa1), np.array(spec.kappai), np.array(spec.lag_ms) * 1e-3)
+    return Gains(
+        key,
+        spec.source,
+        np.array(spec.kappa0),
+        np.array(spec.kappa1),
+        np.array(spec.kappai),
+        np.array(spec.lag_ms) * 1e-3,
+    )
