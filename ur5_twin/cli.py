@@ -273,7 +273,8 @@ def run(
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the scenarios that ship, and leave.")] = False,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of the sensors' noise. Default: the scenario's. The motion stays the same.")
+        int | None,
+        typer.Option(min=0, help="Of the sensors' noise. Default: the scenario's. The motion stays the same."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the scenario>.")

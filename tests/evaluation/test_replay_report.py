@@ -13,7 +13,8 @@ from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation import metrics
-from ur5_twin.evaluation.replay_report import render_json, render_markdown, summarise, table_rows
+from ur5_twin.evaluation.replay_report import render_markdown, summarise, table_rows
+from ur5_twin.evaluation.reporting import render_json
 from ur5_twin.recording.table import Note, Recording, Table
 from ur5_twin.twin.replay import ReplaySettings
 

@@ -10,6 +10,11 @@ def mean_absolute(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     return np.nanmean(np.abs(measured - predicted), axis=0)
 
 
+def root_mean_square(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """RMSE = sqrt(1/N sum (measured - predicted)^2) over the rows where both are numbers, (width,)."""
+    return np.sqrt(np.nanmean((measured - predicted) ** 2, axis=0))
+
+
 def largest(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """max |measured - predicted| over the rows where both are numbers (thesis equation 6.13), (width,)."""
     return np.nanmax(np.abs(measured - predicted), axis=0)

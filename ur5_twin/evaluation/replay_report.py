@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
-import platform
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ur5_twin import __version__
 from ur5_twin.arm.parameters import JOINT_NAMES
 from ur5_twin.evaluation import metrics
+from ur5_twin.evaluation.reporting import closing, found_in, held_targets, numbers, short_number, versions
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.recording.table import Recording
-from ur5_twin.sources.recorded import commanded
 from ur5_twin.twin.replay import ReplaySettings
 
 #: A change of a current worth comparing, A, and how many rows of it a correlation needs.
 _CHANGE, _ENOUGH = 0.3, 50
-_LIBRARIES = ("mujoco", "dm-control", "numpy", "scipy", "numba", "polars")
 
 
 @dataclass(frozen=True)
@@ -82,25 +77,20 @@ def summarise(recording: Recording, settings: ReplaySettings) -> dict[str, Any]:
             continue
         pair = robot[item.signal], robot[f"sim_{item.signal}"]
         section = report.setdefault(item.section, {})
-        section[f"{item.key}mae_{item.unit}"] = _six(metrics.mean_absolute(*pair))
-        section[f"{item.key}max_{item.unit}"] = _six(metrics.largest(*pair))
-        section[f"{item.key}bias_{item.unit}"] = _six(metrics.bias(*pair))
+        section[f"{item.key}mae_{item.unit}"] = numbers(metrics.mean_absolute(*pair))
+        section[f"{item.key}max_{item.unit}"] = numbers(metrics.largest(*pair))
+        section[f"{item.key}bias_{item.unit}"] = numbers(metrics.bias(*pair))
     if "target_moment" in report:
         closed_loop = metrics.mean_absolute(robot["target_moment"], robot["sim_moment"])
-        report["target_moment"]["closed_loop_mae_nm"] = _six(closed_loop)
+        report["target_moment"]["closed_loop_mae_nm"] = numbers(closed_loop)
     if settings.joints is not None and settings.mode == "servo":
         report["joints"] = settings.joints.source
         report["wrench"] = settings.wrench
         _add_push(report, recording)
     if "actual_current" in robot and "target_current" in robot:
         own = metrics.mean_absolute(robot["actual_current"], robot["target_current"])
-        report["actual_current"]["controller_mae_a"] = _six(own)
-    report["devices"] = {
-        name: {"rows": len(table), "columns": sorted(c for c in table.columns if not c.startswith("sim_"))}
-        for name, table in recording.tables.items()
-    }
-    report["notes"] = [{"where": n.where, "what": n.what} for n in recording.notes if not n.repaired]
-    report["repairs"] = [{"where": n.where, "what": n.what} for n in recording.notes if n.repaired]
+        report["actual_current"]["controller_mae_a"] = numbers(own)
+    report |= found_in(recording)
     report["sources"] = {
         "model": settings.model.source,
         "plant": settings.plant.source,
@@ -120,9 +110,9 @@ def _add_push(report: dict[str, Any], recording: Recording) -> None:
     above 0.3 A: rows, correlation and slope of the twin's against the measured one; null where there are too few rows.
     """
     robot = recording.robot
-    targets = commanded(np.stack([robot[f"target_{name}"] for name in ("q", "qd", "qdd")], axis=1))[:, 0]
+    targets = held_targets(robot)
     for who, column in (("measured", "actual_q"), ("twin", "sim_actual_q")):
-        report["tracking"][f"error_max_{who}_rad"] = _six(metrics.largest(robot[column], targets))
+        report["tracking"][f"error_max_{who}_rad"] = numbers(metrics.largest(robot[column], targets))
     if "actual_current" not in robot or "target_current" not in robot:
         return
     measured = robot["actual_current"] - robot["target_current"]
@@ -138,21 +128,6 @@ def _add_push(report: dict[str, Any], recording: Recording) -> None:
         "correlation": [None if item is None else item[0] for item in likeness],
         "slope": [None if item is None else item[1] for item in likeness],
     }
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package, Python and the libraries that shape the numbers."""
-    found = {"ur5-twin": __version__, "python": platform.python_version()}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def render_json(report: dict[str, Any]) -> str:
-    return json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def table_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
@@ -181,19 +156,6 @@ def answer_rows(report: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
             values = [math.nan if value is None else value for value in change[key]]
             rows.append((f"current change, {key} of the twin's", "", values))
     return rows
-
-
-def short_number(value: float) -> str:
-    """A number in at most six characters, for a table."""
-    if value == 0:
-        return "0"
-    if not math.isfinite(value):
-        return "-"
-    if value < 0:
-        return f"-{short_number(-value)}"
-    if value < 1e-4:
-        return "<1e-4"
-    return f"{value:.{max(0, min(4, 2 - math.floor(math.log10(value))))}f}"
 
 
 def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
@@ -234,12 +196,4 @@ def render_markdown(report: dict[str, Any], figures: list[Path]) -> str:
     ):
         lines += ["", f"## {title}", ""]
         lines += [f"- {item['where']}: {item['what']}" for item in report[key]] or [none]
-    if figures:
-        lines += ["", "## Figures", ""]
-        lines += [f"![{path.stem}]({path.parent.name}/{path.name})" for path in figures]
-    lines += ["", "## Versions", "", ", ".join(f"{name} {number}" for name, number in report["versions"].items()), ""]
-    return "\n".join(lines)
-
-
-def _six(values: np.ndarray) -> list[float]:
-    return [float(value) for value in values]
+    return "\n".join(lines + closing(report, figures))

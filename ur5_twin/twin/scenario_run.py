@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ur5_twin.control.program import Reference, plan
-from ur5_twin.recording.table import Note, Recording
+from ur5_twin.recording.table import Recording
 from ur5_twin.scenario.program import program_of
 from ur5_twin.scenario.scenario import Scenario
 from ur5_twin.sensing import load_sensors
@@ -20,7 +20,6 @@ from ur5_twin.twin.telemetry import Telemetry
 _CHUNK = 125
 #: After a protective stop a run goes on for as long, s: the arm brakes, holds, and may yet be pushed away.
 _AFTER_STOP = 1.0
-_NOTED_BY = "twin"
 
 
 class ScenarioRun:
@@ -82,9 +81,7 @@ class ScenarioRun:
 
     def recording(self) -> Recording:
         """What the devices have reported so far, with the truth."""
-        recording = self._telemetry.recording(self.scenario.name)
-        said = [self.cell.stop_reason, self.cell.failure]
-        return recording.with_notes(Note(_NOTED_BY, what) for what in said if what is not None)
+        return self._telemetry.recording(self.scenario.name)
 
     def trace(self) -> kernel.Trace:
         """The truth at every physics step so far, of a run made with ``keep_trace``."""

@@ -84,7 +84,9 @@ class Telemetry:
                 continue
             columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
             time = columns.pop("time")
-            tables[device] = Table(device, time, columns, self._measuring.host_start.get(device, 0.0))
+            # Contacts are the truth, on the robot's own clock.
+            clock = "robot" if device == "contact" else device
+            tables[device] = Table(device, time, columns, self._measuring.host_start[clock])
         return Recording(tables, source, "twin")
 
     def _controller_signals(self, piece: Piece, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -1,7 +1,8 @@
-"""Figures of a replayed recording, as PNG files."""
+"""Figures of a recording, replayed or of a scenario's run, as PNG files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,34 +11,51 @@ from matplotlib.figure import Figure
 
 from ur5_twin import spatial
 from ur5_twin.arm.parameters import JOINT_NAMES, Tool
+from ur5_twin.evaluation import contacts
+from ur5_twin.evaluation.run_report import protective_stop
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.views import paper, wrenches
-from ur5_twin.views.style import MEASURED, QUANTITIES, TWIN, WRENCH_AXES, Quantity, has
+from ur5_twin.views.style import MEASURED, QUANTITIES, STOPPED, TRUTH, TRUTH_TOO, TWIN, WRENCH_AXES, Quantity, has
 
 _SIZE = (13.0, 8.0)
 _TALL = (13.0, 12.5)
 #: Line widths of the series in drawing order: broad ones beneath, so that lines that coincide are all seen.
-_BROAD = (4.4, 2.6, 1.2)
+_BROAD = (4.4, 2.6, 1.2, 1.2, 1.2)
 _FINE = (0.7, 1.3, 1.3, 1.3)
+_ALONE = (1.6,)
 _ERROR_WIDTH = 0.8
+#: Pairs of link and obstacle that have a row in the figure of contacts, those of the largest forces.
+_MOST_TOUCHES = 8
+#: x, y and z, as the viewer has them.
+_AXIS_COLOURS = ("#d33c3c", "#3f9b3f", "#3a6fd0")
 
 
-def write_figures(recording: Recording, folder: Path, *, title: str, tool: Tool | None = None) -> list[Path]:
-    """Draw a replayed recording.
+def write_figures(
+    recording: Recording, folder: Path, *, title: str, tool: Tool | None = None, obstacles: Sequence[str] = ()
+) -> list[Path]:
+    """Draw a recording.
 
     Args:
-        recording: a replayed recording, or any other: a figure whose columns are missing is left out.
+        recording: a replay, a run of a scenario, or any other: a figure whose columns are missing is left out.
         folder: where to write; made if it is not there.
-        title: what was replayed; stands over every figure.
+        title: what was recorded; stands over every figure.
         tool: the tool at the flange; if it carries the force sensor its moments are drawn about the flange.
+        obstacles: names of the obstacles of a run, in the scenario's order.
 
     Returns:
-        The files, in the order in which one would look at them: position, velocity, torque, current, tcp_path, wrench.
+        The files, in the order in which one would look at them: position, velocity, torque, current, external_torque,
+        tcp_path, wrench, contact.
     """
     drawn = {quantity.key: _quantity(recording.robot, quantity, title) for quantity in QUANTITIES}
     drawn["tcp_path"] = _tcp_path(recording.robot, title)
     drawn["wrench"] = _wrench(recording, title, tool)
-    return [paper.save(figure, folder / f"{key}.png") for key, figure in drawn.items() if figure is not None]
+    drawn["contact"] = _contact(recording, title, obstacles)
+    stop = protective_stop(recording.robot)
+    figures = {key: figure for key, figure in drawn.items() if figure is not None}
+    if stop is not None:
+        for figure in figures.values():
+            paper.stopped(figure, stop, STOPPED)
+    return [paper.save(figure, folder / f"{key}.png") for key, figure in figures.items()]
 
 
 def _quantity(table: Table, quantity: Quantity, title: str) -> Figure | None:
@@ -47,7 +65,7 @@ def _quantity(table: Table, quantity: Quantity, title: str) -> Figure | None:
         return None
     figure = paper.new_figure(*_TALL, title)
     axes = paper.panels(figure, len(JOINT_NAMES), 2 if differences else 1)
-    widths = _FINE if quantity.noisy else _BROAD
+    widths = _ALONE if len(series) == 1 else _FINE if quantity.noisy else _BROAD
     for joint, joint_name in enumerate(JOINT_NAMES):
         panel = axes[joint, 0]
         paper.name(panel, joint_name)
@@ -132,4 +150,34 @@ def _wrench(recording: Recording, title: str, tool: Tool | None) -> Figure | Non
     against = f"; RMS and MAE against the {reference.label}" if reference is not None and others else ""
     paper.heading(axes[0, 0], f"Force on the arm, base axes, N{against}")
     paper.heading(axes[0, 1], "Moment on the arm about the flange, base axes, Nm")
+    return figure
+
+
+def _contact(recording: Recording, title: str, obstacles: Sequence[str]) -> Figure | None:
+    """A row per pair of link and obstacle: the size of its force on the left, where it acts on the right."""
+    time = recording.robot.time
+    touched = contacts.touches(recording)
+    if not touched:
+        return None
+    strongest = sorted(touched, key=lambda touch: -touch.size.max())[:_MOST_TOUCHES]
+    shown = [touch for touch in touched if any(touch is other for other in strongest)]
+    figure = paper.new_figure(_TALL[0], 1.9 + 1.8 * max(2, len(shown)), title)
+    axes = paper.panels(figure, len(shown), 2)
+    for row, touch in zip(axes, shown, strict=True):
+        colour = TRUTH_TOO if touch.is_push else TRUTH
+        size, point = touch.over(len(time)), np.full((len(time), 3), np.nan)
+        point[touch.rows] = touch.point
+        peak = int(np.argmax(size))
+        for panel in row:
+            paper.name(panel, touch.name(obstacles))
+        paper.filled(row[0], time, size, colour)
+        row[0].set_ylim(bottom=0.0)
+        said = f"{size[peak]:.3g} N at {time[peak]:.2f} s, {touch.duration:.3g} s, "
+        paper.remarks(row[0], [(f"{said}{np.linalg.norm(touch.impulse):.3g} N s", colour)])
+        for axis, (label, shade) in enumerate(zip("xyz", _AXIS_COLOURS, strict=True)):
+            paper.line(row[1], time, point[:, axis], shade, 1.6, label)
+        row[1].set_ylim(paper.wide(row[1].get_ylim(), 0.01))
+    left = "" if len(shown) == len(touched) else f"; {len(touched) - len(shown)} weaker pairs are left out"
+    paper.heading(axes[0, 0], f"True force on the arm, N{left}")
+    paper.heading(axes[0, 1], "Where it acts in the base frame, m")
     return figure

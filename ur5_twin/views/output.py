@@ -9,6 +9,7 @@ from typing import Any
 from ur5_twin.atomic import write_text
 from ur5_twin.errors import ReplayError
 from ur5_twin.evaluation import replay_report
+from ur5_twin.evaluation.reporting import render_json
 from ur5_twin.recording import write_parquet
 from ur5_twin.recording.table import Recording
 from ur5_twin.twin.replay import ReplaySettings
@@ -72,5 +73,5 @@ def write_replay(
 
         rerun_view.write_rrd(recording, settings.plant, folder / "twin.rrd", title=recording.source)
     write_text(folder / "report.md", replay_report.render_markdown(report, drawn))
-    write_text(folder / "report.json", replay_report.render_json(report))
+    write_text(folder / "report.json", render_json(report))
     return report

@@ -62,6 +62,8 @@ def dress(panel: Axes) -> None:
     panel.set_axisbelow(True)
     panel.tick_params(labelsize=8, color=_FAINT, labelcolor=_INK, length=3)
     panel.margins(x=0.01, y=0.08)
+    # A common power of ten stands left of the axis, where it does not cross the panel's name.
+    panel.yaxis.get_offset_text().set(ha="right", fontsize=8, color=_INK)
     for side, spine in panel.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color("#9aa0a8")
@@ -97,6 +99,26 @@ def line(panel: Axes, time: np.ndarray, values: np.ndarray, colour: str, width: 
     """A signal over time; later ones lie above earlier ones."""
     at, thinned = envelope(time, values)
     panel.plot(at, thinned, color=colour, linewidth=width, label=label)
+
+
+def filled(panel: Axes, time: np.ndarray, values: np.ndarray, colour: str) -> None:
+    """A size over time, with the area below it."""
+    at, thinned = envelope(time, values)
+    panel.fill_between(at, thinned, color=colour, alpha=0.25, linewidth=0.0)
+    panel.plot(at, thinned, color=colour, linewidth=1.2)
+
+
+def stopped(figure: Figure, time: float, colour: str) -> None:
+    """Shade every panel over time from a protective stop on, and say so over the panels."""
+    for panel in figure.axes:
+        if panel.name == "rectilinear":
+            low, high = panel.get_xlim()
+            panel.axvspan(time, high, color=colour, alpha=0.08, linewidth=0.0, zorder=0)
+            panel.axvline(time, color=colour, linewidth=1.0, linestyle=(0, (4, 2)))
+            panel.set_xlim(low, high)
+    width, height = figure.get_size_inches()
+    text = f"protective stop at {time:.2f} s"
+    figure.text(1.0 - 0.2 / width, 1.0 - 0.15 / height, text, ha="right", va="top", fontsize=11, color=colour)
 
 
 def heading(panel: Axes, title: str) -> None:

@@ -1,7 +1,8 @@
 """The time series of the Rerun view and the layout of its window.
 
-All signals are columns of two entities, ``signals`` and ``wrench``, a struct of the six joints or axes each: that is a
-tenth of the bytes that an entity per line would take. Each plot picks its lines out of them.
+All signals are columns of three entities, ``signals``, ``wrench`` and ``contact``, a struct of the six joints or axes
+each: that is a tenth of the bytes that an entity per line would take. Each plot picks its lines out of them. What is
+so or is not, a contact or a protective stop, is a lane of ``state``.
 Needs ``rerun``; import it through ``rerun_view``.
 """
 
@@ -17,18 +18,25 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
 from ur5_twin.arm.parameters import JOINT_NAMES
+from ur5_twin.evaluation import contacts
+from ur5_twin.evaluation.contacts import Touch
+from ur5_twin.evaluation.run_report import PROTECTIVE_STOP
 from ur5_twin.recording.table import Table
 from ur5_twin.views import rerun_scene as scene
-from ur5_twin.views.style import QUANTITIES, WRENCH_AXES, WRENCH_UNITS, Quantity, rgb
+from ur5_twin.views.style import CONTACTS, PUSHES, QUANTITIES, STOPPED, WRENCH_AXES, WRENCH_UNITS, Quantity, has, rgb
 from ur5_twin.views.wrenches import Wrench
 
 SIGNALS = "signals"
 WRENCH = "wrench"
+CONTACT = "contact"
+STATE = "state"
 #: The part of a wrench that is the size of its force.
 SIZE = "F"
-_PARTS = {SIGNALS: JOINT_NAMES, WRENCH: (*WRENCH_AXES, SIZE)}
+_PARTS = {SIGNALS: JOINT_NAMES, WRENCH: (*WRENCH_AXES, SIZE), CONTACT: (SIZE, *WRENCH_AXES[:3])}
 #: The parts whose plot has a legend: the first of each column of plots; in the others it would hide the lines.
 _WITH_LEGEND = (JOINT_NAMES[0], WRENCH_AXES[0], WRENCH_AXES[3], SIZE)
+#: While no protective stop holds the arm.
+_RUNS = "#3c5a78"
 #: What the columns are grouped under in the viewer.
 _ARCHETYPE = "ur5"
 
@@ -64,19 +72,84 @@ def log_wrenches(stream: rr.RecordingStream, wrenches: Sequence[Wrench], table: 
     _send(stream, WRENCH, {wrench.key: _with_size(wrench) for wrench in wrenches}, table, ticks)
 
 
-def blueprint(table: Table, wrenches: Sequence[Wrench], stage: scene.Stage) -> rrb.Blueprint:
-    """The window: the arms and the size of the force on the left; on the right a tab per quantity, a row per joint."""
+def log_contacts(
+    stream: rr.RecordingStream, touched: Sequence[Touch], obstacles: Sequence[str], table: Table, ticks: np.ndarray
+) -> None:
+    """Send the force of each link on each obstacle, and of pushes, while any acts and beside that."""
+    if not touched or not len(table):
+        return
+    n = len(table)
+    active = contacts.acting(touched, n)
+    # A row of zeros before and after: a line is drawn from one row to the next.
+    beside = active | np.append(active[1:], True) | np.append(True, active[:-1])
+    rows = np.flatnonzero(beside)
+    columns = {_touch_key(touch, obstacles): _force(touch, n)[rows] for touch in touched}
+    _send(stream, CONTACT, columns, Table(table.device, table.time[rows], {}), ticks[rows])
+
+
+def log_states(
+    stream: rr.RecordingStream, touched: Sequence[Touch], obstacles: Sequence[str], table: Table, ticks: np.ndarray
+) -> None:
+    """Send when each link touches each obstacle, when it is pushed, and when a protective stop holds the arm."""
+    if not len(table):
+        return
+    for touch, colour in zip(touched, _touch_colours(touched), strict=True):
+        state = "pushed" if touch.is_push else "touches"
+        changes: dict[int, str | None] = {0: None}
+        for rows in touch.episodes():
+            changes[int(rows[0])] = state
+            if rows[-1] + 1 < len(table):
+                changes[int(rows[-1]) + 1] = None
+        _send_states(stream, _touch_key(touch, obstacles), changes, {state: colour}, table, ticks)
+    if has(table, "safety_mode"):
+        stopped = table["safety_mode"][:, 0] == PROTECTIVE_STOP
+        at = np.flatnonzero(np.diff(stopped, prepend=~stopped[:1]))
+        words: dict[int, str | None] = {int(row): "protective stop" if stopped[row] else "runs" for row in at}
+        _send_states(stream, "controller", words, {"runs": _RUNS, "protective stop": STOPPED}, table, ticks)
+
+
+def _send_states(
+    stream: rr.RecordingStream,
+    lane: str,
+    changes: dict[int, str | None],
+    colours: dict[str, str],
+    table: Table,
+    ticks: np.ndarray,
+) -> None:
+    rows = sorted(changes)
+    style = rr.StateConfiguration(values=list(colours), colors=[rgb(colour) for colour in colours.values()])
+    stream.log(f"{STATE}/{lane}", style, static=True)
+    columns = rr.StateChange.columns(state=pa.array([changes[row] for row in rows], pa.utf8()))
+    stream.send_columns(f"{STATE}/{lane}", scene.indexes(table.time[rows], ticks[rows]), columns, strict=True)
+
+
+def blueprint(
+    table: Table,
+    wrenches: Sequence[Wrench],
+    stage: scene.Stage,
+    touched: Sequence[Touch] = (),
+    obstacles: Sequence[str] = (),
+) -> rrb.Blueprint:
+    """The window: the arms, the size of the force and states on the left; on the right a tab per quantity."""
     axis = _time_axis(table.time)
     tabs: list[rrb.Container] = [
         tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axis)) is not None
     ]
-    left: list[rrb.View] = [_space(stage)]
+    left: list[rrb.View] = [_space(stage, len(scene.arms_in(table)))]
+    shares = [3.0]
     if wrenches:
         lines = [_Line(item.key, _with_size(item), item.label, item.colour, 1.6) for item in wrenches]
         tabs.append(_wrench_tab(lines, axis))
         left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axis))
+        shares.append(1.0)
+    if touched:
+        tabs.append(_contact_tab(touched, len(table), obstacles, axis))
+    lanes = len(touched) + has(table, "safety_mode")
+    if lanes:
+        left.append(rrb.StateTimelineView(origin=STATE, name="Contacts, pushes and the controller", time_view=axis))
+        shares.append(min(1.6, 0.32 + 0.24 * lanes))
     window = rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[3.0, 1.0][: len(left)]),
+        rrb.Vertical(*left, row_shares=shares),
         *([rrb.Tabs(*tabs, active_tab=0)] if tabs else []),
         column_shares=[1.0, 1.15] if tabs else [1.0],
     )
@@ -90,10 +163,10 @@ def blueprint(table: Table, wrenches: Sequence[Wrench], stage: scene.Stage) -> r
     )
 
 
-def _space(stage: scene.Stage) -> rrb.Spatial3DView:
+def _space(stage: scene.Stage, arms: int) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=scene.ROOT,
-        name="Twin and measured arm",
+        name="Twin and measured arm" if arms > 1 else "The arm",
         background=rrb.Background(kind="SolidColor", color=[27, 30, 36]),
         line_grid=rrb.LineGrid3D(
             visible=True,
@@ -110,10 +183,13 @@ def _space(stage: scene.Stage) -> rrb.Spatial3DView:
 
 def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Horizontal | None:
     """A row per joint: the signal on the left, the differences of its lines on the right, as in the figures."""
-    widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2)
+    widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2, 1.2, 1.2)
+    series = quantity.series_in(table)
+    if len(series) == 1:
+        widths = (1.6,)
     signals = [
         _Line(item.column, table[item.column], item.label, item.colour, width)
-        for item, width in zip(quantity.series_in(table), widths, strict=False)
+        for item, width in zip(series, widths, strict=False)
     ]
     errors = [
         _Line(quantity.error_name(item), quantity.error(item, table), item.label, item.colour, 1.2)
@@ -124,7 +200,7 @@ def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Hori
         for lines, unit in ((signals, quantity.unit), (errors, f"error, {quantity.error_unit}"))
         if lines
     ]
-    return rrb.Horizontal(*columns, name=quantity.key.capitalize()) if columns else None
+    return rrb.Horizontal(*columns, name=quantity.key.replace("_", " ").capitalize()) if columns else None
 
 
 def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
@@ -133,6 +209,41 @@ def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
         for name, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)
     ]
     return rrb.Horizontal(rrb.Vertical(*rows[:3]), rrb.Vertical(*rows[3:]), name="Wrench")
+
+
+def _contact_tab(touched: Sequence[Touch], n: int, obstacles: Sequence[str], axis: rrb.TimeAxis) -> rrb.Vertical:
+    """A row for the size of the force and one per base axis; a line per link and obstacle."""
+    lines = [
+        _Line(_touch_key(touch, obstacles), _force(touch, n), touch.name(obstacles), colour, 1.6)
+        for touch, colour in zip(touched, _touch_colours(touched), strict=True)
+    ]
+    rows = [
+        _view(f"{'size of the force' if part == SIZE else part}, N", CONTACT, part, lines, axis)
+        for part in _PARTS[CONTACT]
+    ]
+    return rrb.Vertical(*rows, name="Contact")
+
+
+def _touch_key(touch: Touch, obstacles: Sequence[str]) -> str:
+    return touch.name(obstacles).replace(" ", "_")
+
+
+def _touch_colours(touched: Sequence[Touch]) -> list[str]:
+    """A colour for each; they repeat where there are more pairs than colours."""
+    met = {False: 0, True: 0}
+    found = []
+    for touch in touched:
+        family = PUSHES if touch.is_push else CONTACTS
+        found.append(family[met[touch.is_push] % len(family)])
+        met[touch.is_push] += 1
+    return found
+
+
+def _force(touch: Touch, n: int) -> np.ndarray:
+    """(n, 4) size and axes of its force at each row, N; 0 where it does not act."""
+    force = np.zeros((n, 4))
+    force[touch.rows] = np.column_stack([touch.size, touch.force])
+    return force
 
 
 def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.TimeSeriesView:

@@ -1,4 +1,4 @@
-"""The 3D part of the Rerun view: both arms in their real cylinders, the flange's path, arrows for forces.
+"""The 3D part of the Rerun view: the arms in their real cylinders, the flange's path, obstacles, arrows for forces.
 
 Every link is an entity whose pose in the base is sent by columns; what it looks like hangs below it and is sent once.
 Needs ``rerun``; import it through ``rerun_view``.
@@ -7,17 +7,18 @@ Needs ``rerun``; import it through ``rerun_view``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from ur5_twin.arm import kinematics
-from ur5_twin.arm.mjcf import looks
-from ur5_twin.arm.parameters import N_JOINTS, ArmModel, Box, Cylinder
-from ur5_twin.recording.table import Table
-from ur5_twin.views.style import LEAST_FORCE, MEASURED, TWIN, has, rgb
+from ur5_twin.arm.mjcf import Obstacle, looks
+from ur5_twin.arm.parameters import N_JOINTS, ArmModel, Box, Cylinder, Part, Sphere
+from ur5_twin.evaluation import contacts
+from ur5_twin.recording.table import Recording, Table
+from ur5_twin.views.style import LEAST_FORCE, MEASURED, TRUTH, TRUTH_TOO, TWIN, has, rgb
 from ur5_twin.views.wrenches import Wrench
 
 ROOT = "scene"
@@ -27,6 +28,8 @@ FLOOR_Z = -0.72
 _NAME_Z = -0.3
 #: Length of an arrow, m per N.
 ARROW_SCALE = 0.006
+#: Radius of an arrow's shaft, m, at the flange, and at a contact.
+_ARROW_RADIUS, _CONTACT_RADIUS = 0.009, 0.011
 
 #: The eye is turned from where the arm points by this angle about the vertical, and looks down with this slope.
 _ASIDE = np.radians(68.0)
@@ -34,9 +37,13 @@ _FROM_ABOVE = 0.33
 #: Distance of the eye for each metre of a point right and up of the picture's middle, by the viewer's angle of view.
 _EYE_DISTANCE = np.array([1.85, 2.05])
 
+#: How far from the base an obstacle is shown, m: a little more than the arm reaches.
+_REACH = 1.1
+
 _ALUMINIUM = (205, 208, 213)
 _STEEL = (120, 123, 128)
 _STAND = (74, 80, 88)
+_WOOD = (172, 128, 82)
 _GHOST_OPACITY = 90
 #: How much thicker a ghost is drawn, m: where it coincides with the twin it lies over it like a skin.
 _GHOST_SKIN = 0.002
@@ -46,7 +53,10 @@ _ALONG = {"x": (0.0, 0.5**0.5, 0.0, 0.5**0.5), "y": (-(0.5**0.5), 0.0, 0.0, 0.5*
 
 @dataclass(frozen=True)
 class Arm:
-    """One of the two arms: which column moves it, what it is called and its colour everywhere."""
+    """One of the two arms: which column moves it, what it is called and its colour everywhere.
+
+    A ghost is drawn translucent and beside the other.
+    """
 
     key: str
     column: str
@@ -78,23 +88,28 @@ class Stage:
     target: np.ndarray
 
     @classmethod
-    def facing(cls, p_BF: np.ndarray, *, overlaid: bool = False) -> Stage:
+    def facing(cls, p_BF: np.ndarray, *, overlaid: bool = False, obstacles: Sequence[Obstacle] = ()) -> Stage:
         """The stage on which a path is seen from the side, with the measured arm to the viewer's right.
 
         Args:
             p_BF: (n, 3) the flange's positions, m, rows with NaN allowed; none at all give the view along the base's y.
-            overlaid: put the measured arm where the twin is.
+            overlaid: put the measured arm where the twin is, or there is only one.
+            obstacles: what should be seen too, and not stand between the eye and the flange.
         """
         known = p_BF[np.isfinite(p_BF).all(axis=1)]
         ahead = known[:, :2].mean(axis=0) if len(known) else np.array([1.0, 0.0])
-        azimuth = np.arctan2(ahead[1], ahead[0]) + _ASIDE
+        straight = np.arctan2(ahead[1], ahead[0])
+        # Of these ways to stand aside the first from which obstacles hide least of the path.
+        sides = [straight + aside * _ASIDE for aside in (1.0, -1.0, 0.5, -0.5, 1.7, -1.7)]
+        azimuth = min(sides, key=lambda side: _hidden(known, side, obstacles))
         # The viewer's axes: to the right, up, and from the picture to the eye.
         right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         back = np.array([np.cos(azimuth), np.sin(azimuth), _FROM_ABOVE]) / np.hypot(1.0, _FROM_ABOVE)
         axes = np.stack([right, np.cross(back, right), back])
         # Whatever the flange does, the shoulder, the elbow's height and the upper stand belong into the picture.
         always = np.array([[0.0, 0.0, 0.6], [0.0, 0.0, -0.4], *(0.22 * right * side for side in (-1, 1))])
-        points = np.concatenate([known, always]) @ axes.T
+        around = [_near(obstacle) for obstacle in obstacles]
+        points = np.concatenate([known, always, *around]) @ axes.T
         gap = 0.0 if overlaid else float(np.clip(np.ptp(points[:, 0]) + 0.15, 0.8, 1.25))
         points = np.concatenate([points, points + np.array([gap, 0.0, 0.0])])
         middle = (points.max(axis=0) + points.min(axis=0))[:2] / 2
@@ -103,13 +118,58 @@ class Stage:
         return cls(beside=right * gap, eye=target + back * far, target=target)
 
 
-def log_static(stream: rr.RecordingStream, model: ArmModel, arms: Sequence[Arm], stage: Stage) -> None:
-    """Send what never changes: the axes, the stands, the shapes of each arm's links and of the tool."""
+def _near(obstacle: Obstacle) -> np.ndarray:
+    """(8, 3) corners of the box around an obstacle in B, those out of reach brought to where the arm reaches."""
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3) * _edges(obstacle)
+    placed = obstacle.center() + corners @ obstacle.pose[:3, :3].T
+    return placed * np.minimum(1.0, _REACH / np.linalg.norm(placed, axis=1, keepdims=True))
+
+
+def _edges(obstacle: Obstacle) -> np.ndarray:
+    """(3,) edges of the box around an obstacle in its own axes, m."""
+    if obstacle.shape == "sphere":
+        return np.repeat(2.0 * obstacle.size, 3)
+    if obstacle.shape == "cylinder":
+        radius, height = obstacle.size
+        return np.array([2.0 * radius, 2.0 * radius, height])
+    return obstacle.size
+
+
+def _hidden(p_BF: np.ndarray, azimuth: float, obstacles: Sequence[Obstacle]) -> int:
+    """How many of some points of a path an obstacle hides from an eye far away in a direction.
+
+    The ray from a point p along d is inside the obstacle's box where |p_i + s d_i| is at most half an edge for all i.
+    """
+    back = np.array([np.cos(azimuth), np.sin(azimuth), _FROM_ABOVE])
+    some = p_BF[:: max(1, len(p_BF) // 200)]
+    seen = np.ones(len(some), dtype=bool)
+    for obstacle in obstacles:
+        R = obstacle.pose[:3, :3]
+        p, d = (some - obstacle.center()) @ R, back @ R
+        d = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        ends = np.stack([(side * _edges(obstacle) / 2 - p) / d for side in (-1, 1)])
+        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        seen &= ~((enter <= leave) & (leave > 0))
+    return int((~seen).sum())
+
+
+def log_static(
+    stream: rr.RecordingStream,
+    model: ArmModel,
+    arms: Sequence[Arm],
+    stage: Stage,
+    obstacles: Sequence[Obstacle] = (),
+) -> None:
+    """Send what never changes: the axes, the stands, the shapes of each arm's links, of the tool and of obstacles."""
     stream.log(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for arm in arms:
-        offset = stage.beside if arm.ghost and len(arms) > 1 else np.zeros(3)
+        offset = stage.beside if arm.ghost else np.zeros(3)
         stream.log(arm.path, rr.Transform3D(translation=offset), static=True)
-        _log_stand(stream, arm, name_z=_NAME_Z - (0.0 if not arm.ghost or offset.any() else 0.12))
+        _log_stand(stream, arm)
+        if len(arms) > 1:
+            _log_name(stream, arm, _NAME_Z - (0.0 if not arm.ghost or offset.any() else 0.12))
+        for obstacle in obstacles:
+            _log_obstacle(stream, f"{arm.path}/obstacles/{obstacle.name}", obstacle)
         for i in range(N_JOINTS):
             _log_cylinders(stream, f"{_link(arm, i)}/body", model.links[i].cylinders, _paint(arm, _ALUMINIUM))
             caps = _caps(model, i)
@@ -155,11 +215,36 @@ def log_arrows(
         path = f"{arm.path}/force/{wrench.key}"
         force = wrench.values[rows, :3]
         shown = (np.linalg.norm(force, axis=1) >= LEAST_FORCE) & np.isfinite(X_BF[rows, :3, 3]).all(axis=1)
-        style = rr.Arrows3D.from_fields(radii=[0.009], colors=[rgb(wrench.colour)])
+        style = rr.Arrows3D.from_fields(radii=[_ARROW_RADIUS], colors=[rgb(wrench.colour)])
         stream.log(path, style, static=True)
         columns = rr.Arrows3D.columns(vectors=force[shown] * ARROW_SCALE, origins=X_BF[rows[shown], :3, 3])
         lengths = shown.astype(np.int64)
         stream.send_columns(path, indexes(table.time[rows], ticks[rows]), columns.partition(lengths), strict=True)
+
+
+def log_contacts(stream: rr.RecordingStream, arm: Arm, recording: Recording, ticks: np.ndarray) -> None:
+    """Send an arrow per true force, of contacts and of pushes, at every tick at which any acts.
+
+    An arrow begins at the point of contact, goes along the force on the arm and says its size in N. Contacts may be
+    short, so no tick is left out; the tick after one clears its arrow, and so does the first row, of what came before.
+    """
+    table = recording.tables.get("contact")
+    if table is None or not len(recording.robot):
+        return
+    known, rows = contacts.points(recording)
+    time = recording.robot.time
+    pushes = table["contact_obstacle"][known, 0] == contacts.PUSH
+    for key, colour, mine in (("contact", TRUTH, ~pushes), ("push", TRUTH_TOO, pushes)):
+        at = rows[mine]
+        sent = np.unique([0, *at, *np.minimum(at + 1, len(time) - 1)])
+        force, point = (table[f"contact_{name}"][known[mine]] for name in ("force", "point"))
+        path = f"{arm.path}/force/{key}"
+        style = rr.Arrows3D.from_fields(radii=[_CONTACT_RADIUS], colors=[rgb(colour)], show_labels=True)
+        stream.log(path, style, static=True)
+        labels = [f"{size:.0f} N" for size in np.linalg.norm(force, axis=1)]
+        columns = rr.Arrows3D.columns(vectors=force * ARROW_SCALE, origins=point, labels=labels)
+        lengths = np.bincount(np.searchsorted(sent, at), minlength=len(sent))
+        stream.send_columns(path, indexes(time[sent], ticks[sent]), columns.partition(lengths), strict=True)
 
 
 def frame_rows(time: np.ndarray) -> np.ndarray:
@@ -182,7 +267,19 @@ def _paint(arm: Arm, colour: tuple[int, int, int]) -> tuple[int, int, int, int]:
     return (*rgb(arm.colour), _GHOST_OPACITY) if arm.ghost else (*colour, 255)
 
 
-def _log_stand(stream: rr.RecordingStream, arm: Arm, name_z: float) -> None:
+def _log_obstacle(stream: rr.RecordingStream, path: str, obstacle: Obstacle) -> None:
+    """An obstacle as it is simulated, solid, where it stands."""
+    placed = rr.Transform3D(translation=obstacle.center(), mat3x3=obstacle.pose[:3, :3])
+    stream.log(path, placed, static=True)
+    body = Box(obstacle.name, 0.0, obstacle.size, np.zeros(3))
+    if obstacle.shape == "sphere":
+        body = Sphere(obstacle.name, 0.0, float(obstacle.size[0]), np.zeros(3))
+    elif obstacle.shape == "cylinder":
+        body = Cylinder(obstacle.name, 0.0, float(obstacle.size[1]), float(obstacle.size[0]), "z", np.zeros(3))
+    _log_parts(stream, path, [body], (*_WOOD, 255))
+
+
+def _log_stand(stream: rr.RecordingStream, arm: Arm) -> None:
     foot = Cylinder("foot", 0.0, looks.BASE_HEIGHT, looks.BASE_RADIUS, "z", np.array([0, 0, looks.BASE_HEIGHT / 2]))
     column = Cylinder("column", 0.0, -FLOOR_Z - 0.04, 0.075, "z", np.array([0.0, 0.0, FLOOR_Z / 2]))
     plates = [
@@ -191,13 +288,14 @@ def _log_stand(stream: rr.RecordingStream, arm: Arm, name_z: float) -> None:
     ]
     _log_cylinders(stream, f"{arm.path}/base", [foot], _paint(arm, _ALUMINIUM))
     _log_parts(stream, f"{arm.path}/stand", [column, *plates], (*_STAND, 255))
-    name = rr.Points3D([[0.0, 0.0, name_z]], radii=0.001, labels=[arm.label], colors=[rgb(arm.colour)])
+
+
+def _log_name(stream: rr.RecordingStream, arm: Arm, z: float) -> None:
+    name = rr.Points3D([[0.0, 0.0, z]], radii=0.001, labels=[arm.label], colors=[rgb(arm.colour)])
     stream.log(f"{arm.path}/name", name, static=True)
 
 
-def _log_parts(
-    stream: rr.RecordingStream, path: str, parts: Sequence[Cylinder | Box], colour: tuple[int, int, int, int]
-) -> None:
+def _log_parts(stream: rr.RecordingStream, path: str, parts: Sequence[Part], colour: tuple[int, int, int, int]) -> None:
     _log_cylinders(stream, path, [part for part in parts if isinstance(part, Cylinder)], colour)
     boxes = [part for part in parts if isinstance(part, Box)]
     if boxes:
@@ -208,6 +306,15 @@ def _log_parts(
             fill_mode="solid",
         )
         stream.log(path if len(boxes) == len(parts) else f"{path}/boxes", drawn, static=True)
+    spheres = [part for part in parts if isinstance(part, Sphere)]
+    if spheres:
+        drawn = rr.Ellipsoids3D(
+            centers=[sphere.center for sphere in spheres],
+            radii=[sphere.radius for sphere in spheres],
+            colors=[colour],
+            fill_mode="solid",
+        )
+        stream.log(path if len(spheres) == len(parts) else f"{path}/spheres", drawn, static=True)
 
 
 def _log_cylinders(
@@ -245,5 +352,6 @@ def _caps(model: ArmModel, i: int) -> list[Cylinder]:
 
 
 def arms_in(table: Table) -> list[Arm]:
-    """The arms that the columns can move, the twin first."""
-    return [arm for arm in (THE_TWIN, THE_ROBOT) if has(table, arm.column)]
+    """The arms that the columns can move, the twin first; one alone is no ghost."""
+    arms = [arm for arm in (THE_TWIN, THE_ROBOT) if has(table, arm.column)]
+    return arms if len(arms) > 1 else [replace(arm, ghost=False) for arm in arms]

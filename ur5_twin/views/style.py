@@ -17,6 +17,13 @@ TWIN_TOO = "#b05cc6"
 #: The force sensor: seen against the measured arm.
 SENSOR = "#cda300"
 TRUTH = "#1ba36b"
+#: A second truth beside it: friction, and pushes beside contacts.
+TRUTH_TOO = "#d4526e"
+#: Pairs of a link and an obstacle, and pushes on links, in the order in which they are met.
+CONTACTS = (TRUTH, "#7fb800", "#0f9aa8", "#b3c95a", "#5f8a5b")
+PUSHES = (TRUTH_TOO, "#f08a5d", "#9c4f96")
+#: From a protective stop on.
+STOPPED = "#c62f2f"
 #: Estimators, in the order in which they are met.
 ESTIMATES = (TWIN, TWIN_TOO, "#d4526e", "#7a5c3e")
 
@@ -56,7 +63,7 @@ class Quantity:
     """One page of plots, a row per joint.
 
     Attributes:
-        key: file and entity name.
+        key: name of the figure's file; the words in it, of the viewer's tab.
         title: what it is.
         unit: of the series, which are drawn as recorded.
         series: lines of the signal; only those whose column is there are drawn.
@@ -102,9 +109,11 @@ QUANTITIES = (
             Series("actual_q", "measured", MEASURED),
             Series("target_q", "target", TARGET),
             Series("sim_actual_q", "twin", TWIN),
+            Series("truth_q", "truth", TRUTH),
         ),
         (
             Difference("actual_q", "sim_actual_q", "measured - twin", TWIN),
+            Difference("truth_q", "target_q", "truth - target", TRUTH),
             Difference("actual_q", "target_q", "measured - target", TARGET),
         ),
         "Position error",
@@ -119,9 +128,11 @@ QUANTITIES = (
             Series("actual_qd", "measured", MEASURED),
             Series("target_qd", "target", TARGET),
             Series("sim_actual_qd", "twin", TWIN),
+            Series("truth_qd", "truth", TRUTH),
         ),
         (
             Difference("actual_qd", "sim_actual_qd", "measured - twin", TWIN),
+            Difference("truth_qd", "target_qd", "truth - target", TRUTH),
             Difference("actual_qd", "target_qd", "measured - target", TARGET),
         ),
         "Velocity error",
@@ -136,10 +147,13 @@ QUANTITIES = (
             Series("target_moment", "controller", MEASURED),
             Series("sim_moment", "twin's motors", TWIN_TOO),
             Series("sim_target_moment", "twin, for the target motion", TWIN),
+            Series("truth_moment", "truth: motors", TRUTH),
+            Series("truth_friction", "truth: friction", TRUTH_TOO),
         ),
         (
             Difference("target_moment", "sim_target_moment", "controller - twin, for the target motion", TWIN),
             Difference("target_moment", "sim_moment", "controller - twin's motors", TWIN_TOO),
+            Difference("target_moment", "truth_moment", "controller - true motors", TRUTH),
         ),
         "Torque residual",
         "Nm",
@@ -162,6 +176,15 @@ QUANTITIES = (
         "Current residual",
         "A",
         noisy=True,
+    ),
+    Quantity(
+        "external_torque",
+        "External joint torque by contacts and pushes",
+        "Nm",
+        (Series("truth_tau_ext", "truth", TRUTH),),
+        (),
+        "External torque residual",
+        "Nm",
     ),
 )
 
