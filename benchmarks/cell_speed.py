@@ -18,8 +18,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from ur5_twin.control.trajectory import rest
-from ur5_twin.scenario.scenario import load_scenario
+from ur5_twin.scenario import load_scenario
 from ur5_twin.twin.cell import PERIOD, Cell
 from ur5_twin.twin.closed_loop import SUBSTEP
 from ur5_twin.twin.fleet import advance_all
@@ -54,7 +53,7 @@ def main() -> None:
 def one_cell(name: str, repeat: int) -> None:
     """A scenario's closed loop, with and without sensors, beside bare steps of the same motion."""
     scenario = load_scenario(name)
-    whole = ScenarioRun(scenario)
+    whole = ScenarioRun(scenario, keep_trace=True)
     whole.finish()
     ticks = len(whole.reference.rows)
     trace = whole.trace()
@@ -89,11 +88,12 @@ def one_cell(name: str, repeat: int) -> None:
 
 
 def many_cells(n: int, threads: int, repeat: int) -> None:
-    """Cells at once beside open-loop rollouts of the same model with the same threads."""
-    setup = ScenarioRun(load_scenario("push_x")).setup
-    cells = [Cell(setup) for _ in range(n)]
-    ticks = 250
-    targets = rest(setup.q_start, seconds=ticks * PERIOD, period=PERIOD)
+    """Cells at once beside rollouts of the same model through the same motion, their torques played back open loop."""
+    run = ScenarioRun(load_scenario("free_motion"), keep_trace=True)
+    run.finish()
+    ticks = 500
+    targets, trace = run.reference.rows[1 : ticks + 1], run.trace()
+    cells = [Cell(run.setup) for _ in range(n)]
 
     def reset() -> None:
         for cell in cells:
@@ -103,16 +103,15 @@ def many_cells(n: int, threads: int, repeat: int) -> None:
     model = cells[0].model
     datas = [mujoco.MjData(model) for _ in range(threads)]
     data = mujoco.MjData(model)
-    data.qpos[:6] = setup.q_start
-    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    state = np.empty(size)
-    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    mujoco.mj_forward(model, data)
-    control = np.tile(data.qfrc_bias[:6], (n, ticks * STEPS, 1))
+    data.qpos[:6] = run.setup.q_start
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, state, kind)
+    torque = (trace.motor_torque - trace.friction_torque)[: ticks * STEPS]
+    control = np.tile(torque, (n, 1, 1))
+    states = np.tile(state, (n, 1))
     with rollout.Rollout(nthread=threads) as roll:
-        open_loop = best(
-            repeat, lambda: None, lambda: roll.rollout(model, datas, np.tile(state, (n, 1)), control, skip_checks=False)
-        )
+        open_loop = best(repeat, lambda: None, lambda: roll.rollout(model, datas, states, control))
     print(
         f"\n{n} cells, {threads} threads, {ticks} ticks: mujoco.rollout {open_loop:.3f} s, closed loop {closed:.3f} s"
     )

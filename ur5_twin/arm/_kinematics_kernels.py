@@ -99,3 +99,22 @@ def jacobian_dot_rows(J, qd, link, out):
     """``jacobian_dot_into`` for every row of J (n, 6, 6) and qd (n, 6) into out (n, 6, 6)."""
     for k in range(qd.shape[0]):
         jacobian_dot_into(J[k], qd[k], link, out[k])
+
+
+@njit(cache=True, nogil=True)
+def motion_rows(dh, q, qd, qdd, twist, acceleration):
+    """Twist J qd and acceleration J qdd + J' qd of the flange for every row of (n, 6) arrays into (n, 6) each."""
+    frames = np.empty((7, 4, 4))
+    J, J_dot = np.empty((6, 6)), np.empty((6, 6))
+    origin = np.zeros(3)
+    for k in range(q.shape[0]):
+        frames_into(dh, q[k], frames)
+        jacobian_into(frames, 6, origin, J)
+        jacobian_dot_into(J, qd[k], 6, J_dot)
+        for i in range(6):
+            v, a = 0.0, 0.0
+            for j in range(6):
+                v += J[i, j] * qd[k, j]
+                a += J[i, j] * qdd[k, j] + J_dot[i, j] * qd[k, j]
+            twist[k, i] = v
+            acceleration[k, i] = a

@@ -83,6 +83,8 @@ class Friction:
         return level * np.sign(qd) + self.viscous * viscous_scale * qd
 
 
+#: Square of the slip over its Stribeck speed beyond which that term is below rounding.
+_FADED = 36.0
 #: Damping of the presliding spring over sqrt(stiffness * rotor inertia): twice the damping ratio.
 _DAMPING = 0.4
 
@@ -137,7 +139,7 @@ def pack(friction: Friction, rotor_inertia: np.ndarray) -> PackedFriction:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def friction_torque(p, j, z, dq, qd, link_torque, viscous_scale):  # pragma: no cover - compiled
     """Friction torque of joint j and its spring's new deflection.
 
@@ -154,9 +156,10 @@ def friction_torque(p, j, z, dq, qd, link_torque, viscous_scale):  # pragma: no 
     if stiffness <= 0.0:
         return viscous, 0.0
     z += dq
+    level = p.load[j] * abs(link_torque) + (p.positive[j] if z > 0.0 else p.negative[j])
     slip = qd / p.stribeck_speed[j]
-    level = p.load[j] * abs(link_torque) + p.stribeck[j] * math.exp(-slip * slip)
-    level += p.positive[j] if z > 0.0 else p.negative[j]
+    if slip * slip < _FADED:
+        level += p.stribeck[j] * math.exp(-slip * slip)
     most = level / stiffness
     if z > most:
         z = most

@@ -92,6 +92,14 @@ def acceleration(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> np.nd
     return _apply(jacobian(arm, q), qdd) + _apply(jacobian_dot(arm, q, qd), qd)
 
 
+def motion(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """``twist`` and ``acceleration`` (..., 6) together, in one pass."""
+    rows, lead = joint_rows(q, qd, qdd)
+    velocity, rate = np.empty_like(rows[0]), np.empty_like(rows[0])
+    kernels.motion_rows(pack_dh(arm), *rows, velocity, rate)
+    return velocity.reshape(*lead, 6), rate.reshape(*lead, 6)
+
+
 def pose_coordinates(arm: Arm, q: ArrayLike, orientation: Orientation = "zyz") -> np.ndarray:
     """X (..., 6) = [position; orientation] of the flange in m and rad (thesis equation 2.30)."""
     X_BF = forward(arm, q)

@@ -17,7 +17,7 @@ from ur5_twin.arm.dynamics import rnea_into
 _ROUNDING = 0.2
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def reference(before, after, dt, coefficients, step):  # pragma: no cover - compiled
     """The reference from one target to the next, as a polynomial in t per joint.
 
@@ -60,7 +60,7 @@ def reference(before, after, dt, coefficients, step):  # pragma: no cover - comp
         step[1, j] = c[1, j] - v0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def demand(c, t, j, q, qd, kappa0, kappa1, kappai, lag, integral):  # pragma: no cover - compiled
     """The servo's acceleration for joint j with the reference at time t of the polynomial, and the position error."""
     q_d = c[0, j] + t * (c[1, j] + t * (c[2, j] + t * (c[3, j] + t * (c[4, j] + t * c[5, j]))))
@@ -71,7 +71,7 @@ def demand(c, t, j, q, qd, kappa0, kappa1, kappai, lag, integral):  # pragma: no
     return qdd_d - kappa0[j] * error - kappa1[j] * rate - kappai[j] * integral[j], error
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def law(target, q, qd, kappa0, kappa1, kappai, lag, integral, packed, torque):  # pragma: no cover - compiled
     """The control law at a sample."""
     a = np.empty(6)

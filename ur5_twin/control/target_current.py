@@ -30,7 +30,7 @@ def driving_share(torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.sign(qd) * np.where(np.abs(torque) > _NO_TORQUE, np.sign(torque), 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def feed_forward(torque, qd, load, viscous_driving, viscous_backdriven):  # pragma: no cover - compiled
     """The law's friction terms for one joint, A, from target_moment (Nm) and target_qd (rad/s)."""
     driving = 0.5

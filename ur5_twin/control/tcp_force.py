@@ -33,6 +33,8 @@ from ur5_twin.arm import files, kinematics
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.control.target_current import TargetCurrentLaw, driving_share, load_target_current_law
 
+#: Determinant of the Jacobian below which it is not inverted, m^3.
+_SINGULAR = 1e-9
 #: Target speed from which six decimals of target_current tell the drive's viscous friction, rad/s.
 _TELLS_VISCOUS = 0.02
 #: Torque above which they tell whether the joint drives its load, Nm.
@@ -167,10 +169,17 @@ def external_torque(
 
 def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.ndarray:
     """F (n, 6) with J' F = torque, without the directions whose singular value of J (n, 6, 6) is below ``smallest``."""
-    U, s, Vt = np.linalg.svd(J)
-    along = np.einsum("nij,nj->ni", Vt, torque)
+    wrench = np.empty_like(torque)
+    # 1 / |J^-1| in Frobenius' norm is a lower bound of the smallest singular value that costs a third of finding it.
+    singular = np.abs(np.linalg.det(J)) < _SINGULAR
+    inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(J.shape[-1]), J))
+    regular = ~singular & (1.0 / np.sqrt(np.einsum("nij,nij->n", inverse, inverse)) >= smallest)
+    wrench[regular] = np.einsum("nji,nj->ni", inverse[regular], torque[regular])
+    U, s, Vt = np.linalg.svd(J[~regular])
+    along = np.einsum("nij,nj->ni", Vt, torque[~regular])
     kept = s >= smallest
-    return np.einsum("nij,nj->ni", U, np.where(kept, along, 0.0) / np.where(kept, s, 1.0))
+    wrench[~regular] = np.einsum("nij,nj->ni", U, np.where(kept, along, 0.0) / np.where(kept, s, 1.0))
+    return wrench
 
 
 def _held(values: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -41,6 +41,10 @@ class Push:
         """When it is over, s."""
         return self.at + self.duration
 
+    def acts_within(self, start: float, end: float) -> bool:
+        """Whether it is more than nothing anywhere from ``start`` to ``end``, s."""
+        return self.at < end and self.end > start
+
     def wrench(self, time: ArrayLike) -> np.ndarray:
         """(..., 6) force and moment about the point at times (...) in s."""
         return self.share(time)[..., None] * self.peak

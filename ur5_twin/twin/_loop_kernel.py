@@ -149,7 +149,7 @@ class Trace(NamedTuple):
     contact_force: np.ndarray
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, steps, viscous_scale, start, trace):
     """Run ticks until the targets end or something stops it.
 
@@ -263,7 +263,7 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
     return dt.shape[0], DONE, 0, contact
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _residual(servo, j, current, qd, planned):
     """Torque that the motor gives beyond the target's and beyond what friction may explain (``control.tcp_force``)."""
     conductance = 1.0 / servo.torque_constant[j]
@@ -274,7 +274,7 @@ def _residual(servo, j, current, qd, planned):
     return driving if abs(driving) < abs(backdriven) else backdriven
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _check(engine, guard, residual, error, qd, wrench):
     """Whether the controller stops the arm in this tick, and for which joint."""
     most = 0.0
@@ -291,7 +291,7 @@ def _check(engine, guard, residual, error, qd, wrench):
     return DONE, 0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _wrench_of(engine, tau, out):
     """The wrench at the flange that damped least squares makes of joint torques: (J J' + d^2) F = J tau."""
     J = np.empty((6, 6))
@@ -323,7 +323,7 @@ def _wrench_of(engine, tau, out):
         out[i] /= A[i, i]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _push(engine, pushes, row):
     """Put the pushes of a step on their bodies."""
     for p in range(pushes.body.shape[0]):
@@ -358,7 +358,7 @@ def _push(engine, pushes, row):
         out[5] += mz + rx * fy - ry * fx
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _truth_of_pushes(engine, pushes, body_link, row, trace):
     """Add what the pushes did in the last step: per body once, as it was applied, about where the centre then was."""
     for p in range(pushes.body.shape[0]):
@@ -370,7 +370,7 @@ def _truth_of_pushes(engine, pushes, body_link, row, trace):
             _add(engine, body_link[b], engine.body_center[b], engine.body_wrench[b], row, trace)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _add(engine, link, point, w, row, trace):
     """Add a wrench (force, moment about ``point``, world axes) on a link to the truth of a row."""
     fx, fy, fz = w[0], w[1], w[2]
@@ -389,7 +389,7 @@ def _add(engine, link, point, w, row, trace):
         _sum(trace.tool_wrench[row], fx, fy, fz, mx, my, mz)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sum(out, fx, fy, fz, mx, my, mz):
     out[0] += fx
     out[1] += fy
@@ -399,7 +399,7 @@ def _sum(out, fx, fy, fz, mx, my, mz):
     out[5] += mz
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _truth_of_contacts(engine, body_link, row, n, listed, contact, result, trace):
     """Add the contacts of the last step to a row's truth and, if asked, to the list; returns the list's length."""
     w = np.zeros(6)
@@ -438,7 +438,7 @@ def _truth_of_contacts(engine, body_link, row, n, listed, contact, result, trace
     return contact
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def first_torque(engine, servo, drives, state, before, after, dt, h, torque):
     """Write the torque of a first step into the engine, so that the acceleration it begins with can be found."""
     c = np.empty((6, 6))
@@ -456,7 +456,7 @@ def first_torque(engine, servo, drives, state, before, after, dt, h, torque):
         engine.applied[j] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def current_of(servo, drives, target, torque):
     """(6,) current in A that the drives carry when the controller asks for a torque (6,) at a target (3, 6)."""
     planned, current = np.empty(6), np.empty(6)

@@ -23,7 +23,7 @@ from ur5_twin.control.target_current import TargetCurrentLaw
 from ur5_twin.control.trajectory import stop
 from ur5_twin.errors import ScenarioError
 from ur5_twin.twin import _loop_kernel as kernel
-from ur5_twin.twin.closed_loop import REST, SUBSTEP, ClosedLoop, Ending, Limits
+from ur5_twin.twin.closed_loop import NOBODY, REST, SUBSTEP, ClosedLoop, Ending, Limits
 
 #: The controller's tick, s: 125 Hz.
 PERIOD = 0.008
@@ -48,6 +48,10 @@ class Push(Protocol):
     body: str
     point: np.ndarray
     turning: bool
+
+    def acts_within(self, start: float, end: float) -> bool:
+        """False if it is nothing throughout, from ``start`` to ``end``, s."""
+        ...
 
     def wrench(self, time: np.ndarray) -> np.ndarray:
         """(n, 6) force and moment about the point, N and Nm, at times (n,) s."""
@@ -280,12 +284,21 @@ class Cell:
                 self._loop.tell_payload(controller)
 
     def _pushes(self, n: int) -> kernel.Pushes:
-        # Held over a step, a push acts with what it is in the step's middle.
+        """The pushes that act within the next n ticks."""
+        # What acted before and does not now must not stay.
+        self.data.xfrc_applied[:] = 0.0
+        start, end = self.tick * PERIOD, (self.tick + n) * PERIOD
+        acting = [i for i, push in enumerate(self.setup.pushes) if push.acts_within(start, end)]
+        if not acting:
+            return NOBODY
         time = (self.tick * self._steps + np.arange(n * self._steps)) * SUBSTEP
-        wrench = np.stack([push.wrench(time) for push in self.setup.pushes], axis=1) if self.setup.pushes else None
-        if wrench is None:
-            wrench = np.zeros((0, 0, 6))
-        return kernel.Pushes(self._push_bodies, self._push_points, self._push_turning, np.ascontiguousarray(wrench))
+        wrench = np.stack([self.setup.pushes[i].wrench(time) for i in acting], axis=1)
+        return kernel.Pushes(
+            self._push_bodies[acting],
+            self._push_points[acting],
+            self._push_turning[acting],
+            np.ascontiguousarray(wrench),
+        )
 
     def _warmth(self, n: int) -> np.ndarray:
         scale = self.setup.drives.friction.viscous_scale((self.tick + np.arange(n)) * PERIOD, self.setup.warm_for)

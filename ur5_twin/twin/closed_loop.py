@@ -40,7 +40,8 @@ _IMPOSSIBLE_STEP = 0.1
 _CONTACTS_PER_STEP = 8
 #: Ticks while the arm is held, s.
 _HOLDING = 0.008
-_NOBODY = kernel.Pushes(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0, int), np.zeros((0, 0, 6)))
+#: No pushes.
+NOBODY = kernel.Pushes(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0, int), np.zeros((0, 0, 6)))
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ class ClosedLoop:
         dt: np.ndarray,
         *,
         start: float = 0.0,
-        pushes: kernel.Pushes = _NOBODY,
+        pushes: kernel.Pushes = NOBODY,
         viscous_scale: np.ndarray | None = None,
     ) -> tuple[kernel.Trace, Ending]:
         """Run through targets.
@@ -227,7 +228,7 @@ class ClosedLoop:
         """(n,) physics steps of ticks of length dt (n,) s."""
         return np.maximum(1, np.ceil(np.asarray(dt) / self._substep - 1e-6)).astype(np.int64)
 
-    def advance(self, before: np.ndarray, after: np.ndarray, dt: float, pushes: kernel.Pushes = _NOBODY) -> None:
+    def advance(self, before: np.ndarray, after: np.ndarray, dt: float, pushes: kernel.Pushes = NOBODY) -> None:
         """Move the arm ``dt`` seconds on while the reference goes from one sample's target (3, 6) to the next one's.
 
         Raises:

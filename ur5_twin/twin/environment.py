@@ -22,7 +22,7 @@ from dm_env import specs
 
 from ur5_twin.errors import SimulationError
 from ur5_twin.recording.table import Recording
-from ur5_twin.scenario.scenario import Scenario, load_scenario
+from ur5_twin.scenario import Scenario, load_scenario
 from ur5_twin.sensing import load_sensors
 from ur5_twin.twin.cell import PERIOD, Cell
 from ur5_twin.twin.setup import setup_of

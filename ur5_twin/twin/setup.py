@@ -115,6 +115,9 @@ class _LoggedPush(Push):
         self._time = time[inside] - push.first + push.at
         self._wrench = push.scale * wrench
 
+    def acts_within(self, start: float, end: float) -> bool:
+        return self._time[0] < end and self._time[-1] > start
+
     def wrench(self, time: np.ndarray) -> np.ndarray:
         columns = [np.interp(time, self._time, column, left=0.0, right=0.0) for column in self._wrench.T]
         return np.stack(columns, axis=-1)

@@ -22,7 +22,6 @@ NORMAL, PROTECTIVE_STOP = 1.0, 3.0
 A_PUSH, THE_ARM = -1.0, -2.0
 #: What contact_link counts: 1 to 6 the links, 7 the tool.
 LINKS = (*BODY_NAMES, "tool")
-_IMU_SENSOR = "xsens_mti"
 
 
 class Telemetry:
@@ -37,11 +36,9 @@ class Telemetry:
 
     def __init__(self, setup: Setup, geoms: Sequence[str], suite: SensorSuite, rng: np.random.Generator) -> None:
         self._setup = setup
-        sensors = {} if setup.plant.tool is None else setup.plant.tool.sensors
-        self._measuring = Measuring(
-            suite, setup.plant, rng, period=PERIOD, ft=FT_SENSOR in sensors, imu=_IMU_SENSOR in sensors
-        )
+        self._measuring = Measuring(suite, setup.plant, rng, period=PERIOD)
         self._force = TcpForce(setup.controller)
+        self._dynamics = Dynamics(setup.controller)
         names = {geom_name(obstacle): float(i) for i, obstacle in enumerate(setup.obstacles)}
         self._obstacle_of = np.array([names.get(geom, THE_ARM) for geom in geoms])
         self._last_q: np.ndarray | None = None
@@ -55,9 +52,8 @@ class Telemetry:
         """
         trace, every = piece.trace, piece.steps
         signals = Signals(trace.time, trace.q, trace.qd, trace.qdd, trace.current, trace.tool_wrench)
-        measured = self._measuring.robot(signals)
-        robot = {"time": piece.time, **measured}
-        robot |= self._controller_signals(piece, measured)
+        measured = self._measuring.robot(signals, piece.first_tick)
+        robot = measured | self._controller_signals(piece, measured)
         robot |= {
             "truth_q": trace.q[::every],
             "truth_qd": trace.qd[::every],
@@ -98,7 +94,9 @@ class Telemetry:
         before = np.concatenate([q[:1] if self._last_q is None else self._last_q[None], q[:-1]])
         target_q[idle] = before[idle]
         self._last_q = q[-1].copy()
-        moment = Dynamics(piece.controller).inverse(target_q, target_qd, target_qdd)
+        if self._dynamics.model is not piece.controller:
+            self._dynamics = Dynamics(piece.controller)
+        moment = self._dynamics.inverse(target_q, target_qd, target_qdd)
         current = self._setup.law.current(moment, target_qd)
         return {
             "target_q": target_q,
@@ -134,6 +132,8 @@ class Telemetry:
         time = piece.time
         frames = kinematics.link_frames(self._setup.plant, trace.q[::every]) if self._setup.pushes else None
         for push in self._setup.pushes:
+            if not push.acts_within(time[0], time[-1] + PERIOD):
+                continue
             wrench = push.wrench(time)
             acts = wrench.any(axis=1)
             link = LINKS.index(push.body) + 1

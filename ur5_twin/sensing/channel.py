@@ -1,0 +1,114 @@
+"""One measured quantity on its way from the truth to a number in a log.
+
+In this order: the sensor's bandwidth (a low-pass of second order, Butterworth), its delay, a sample at the device's
+time, bias and drift, noise, saturation, and the steps of its converter. A signal goes through in pieces of any length,
+and comes out the same, bit for bit, however it was cut: filters, the last rows, and each random stream go on where they
+were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfilt, sosfilt_zi
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What happens to a quantity; None leaves a stage out. Arrays are as wide as the quantity.
+
+    Attributes:
+        delay: from the truth to the sample, s.
+        bandwidth: Hz at which the low-pass lets 1/sqrt(2) through.
+        bias: added.
+        drift: standard deviation of the bias' random walk after one second.
+        noise: standard deviation of white noise from sample to sample.
+        full_scale: what is beyond it, in either sign, is cut.
+        step: of the converter.
+    """
+
+    delay: float = 0.0
+    bandwidth: float | None = None
+    bias: np.ndarray | None = None
+    drift: np.ndarray | None = None
+    noise: np.ndarray | None = None
+    full_scale: np.ndarray | None = None
+    step: np.ndarray | None = None
+
+
+class Line:
+    """A channel at work, with its memory and its random streams.
+
+    Args:
+        channel: what it does.
+        width: of the quantity.
+        rng: of its noise; its streams are spawned from it.
+    """
+
+    def __init__(self, channel: Channel, width: int, rng: np.random.Generator) -> None:
+        self._channel = channel
+        self._noise, self._walk = rng.spawn(2)
+        self._filter: np.ndarray | None = None
+        self._memory: np.ndarray | None = None
+        self._time = np.empty(0)
+        self._values = np.empty((0, width))
+        self._drift = np.zeros(width)
+        self._last_sample: float | None = None
+
+    def see(self, time: np.ndarray, values: np.ndarray) -> None:
+        """Take in the next piece of the truth: times (n,) s, evenly spaced, and values (n, width)."""
+        if self._channel.bandwidth is not None:
+            values = self._smoothed(time, values)
+        self._time = np.concatenate([self._time, time])
+        self._values = np.concatenate([self._values, values])
+
+    @property
+    def known_until(self) -> float:
+        """Time up to which samples can be taken, s."""
+        return self._time[-1] + self._channel.delay if len(self._time) else -np.inf
+
+    def sample(self, time: np.ndarray) -> np.ndarray:
+        """(n, width) what it reads at times (n,) s, rising and at most ``known_until``; before the first, the first."""
+        channel = self._channel
+        at = time - channel.delay
+        values = np.stack([np.interp(at, self._time, column) for column in self._values.T], axis=1)
+        if len(time):
+            kept = max(0, int(np.searchsorted(self._time, at[-1], side="right")) - 1)
+            self._time, self._values = self._time[kept:], self._values[kept:]
+        return self.corrupted(time, values)
+
+    def corrupted(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(n, width) values at sample times (n,) s with bias, drift, noise, limits and steps."""
+        channel = self._channel
+        if channel.bias is not None:
+            values = values + channel.bias
+        if channel.drift is not None and len(time):
+            first = time[0] if self._last_sample is None else self._last_sample
+            steps = np.diff(np.concatenate([[first], time]))
+            walk = np.sqrt(np.maximum(steps, 0.0))[:, None] * self._walk.standard_normal(values.shape) * channel.drift
+            # Summed one by one, so that a cut elsewhere rounds the same.
+            walk[0] += self._drift
+            walk = np.cumsum(walk, axis=0)
+            self._drift, self._last_sample = walk[-1].copy(), float(time[-1])
+            values = values + walk
+        if channel.noise is not None:
+            values = values + channel.noise * self._noise.standard_normal(values.shape)
+        if channel.full_scale is not None:
+            values = np.clip(values, -channel.full_scale, channel.full_scale)
+        if channel.step is not None:
+            step = np.where(channel.step > 0, channel.step, 1.0)
+            values = np.where(channel.step > 0, np.round(values / step) * step, values)
+        return values
+
+    def _smoothed(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if self._filter is None:
+            if len(time) < 2:
+                return values
+            rate = 1.0 / (time[1] - time[0])
+            assert self._channel.bandwidth is not None
+            self._filter = butter(2, min(self._channel.bandwidth, 0.49 * rate), fs=rate, output="sos")
+            # It has seen the first value for ever.
+            self._memory = sosfilt_zi(self._filter)[:, :, None] * values[0]
+        smooth, self._memory = sosfilt(self._filter, values, axis=0, zi=self._memory)
+        return smooth

@@ -1,0 +1,71 @@
+"""What a force sensor and an accelerometer at the flange feel, from the arm's motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ur5_twin import spatial
+from ur5_twin.arm import kinematics
+from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.sensing.signals import Load, Signals
+
+
+@dataclass(frozen=True)
+class FlangeMotion:
+    """How the flange moves, in base axes.
+
+    Attributes:
+        R_FB: (n, 3, 3) base axes in flange axes.
+        omega, alpha: (n, 3) rad/s, rad/s^2.
+        acceleration: (n, 3) of its origin, less gravity: what a mass there would weigh over its mass, m/s^2.
+    """
+
+    R_FB: np.ndarray
+    omega: np.ndarray
+    alpha: np.ndarray
+    acceleration: np.ndarray
+
+    @classmethod
+    def of(cls, model: ArmModel, signals: Signals) -> FlangeMotion:
+        """Of an arm that moves as signals say."""
+        R_FB = np.swapaxes(kinematics.forward(model, signals.q)[:, :3, :3], 1, 2)
+        twist, acceleration = kinematics.motion(model, signals.q, signals.qd, signals.qdd)
+        acceleration[:, 2] += model.gravity
+        return cls(R_FB, twist[:, 3:], acceleration[:, 3:], acceleration[:, :3])
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """(n, 3) acceleration less gravity of a point (3,) in the flange frame, in flange axes, m/s^2.
+
+        R_FB (a_F - g + alpha x r + omega x (omega x r)) with r = R_BF point (thesis equation 5.9).
+        """
+        omega, alpha = self.into_flange(self.omega), self.into_flange(self.alpha)
+        turning = np.cross(alpha, point) + np.cross(omega, np.cross(omega, point))
+        return self.into_flange(self.acceleration) + turning
+
+    def into_flange(self, vectors: np.ndarray) -> np.ndarray:
+        """(n, 3) vectors in base axes, in flange axes."""
+        return (self.R_FB @ vectors[:, :, None])[:, :, 0]
+
+
+def sensed_wrench(motion: FlangeMotion, wrench: np.ndarray, load: Load, p_FS: np.ndarray) -> np.ndarray:
+    """(n, 6) force and moment on the sensor about its origin in its axes (the flange's), N and Nm.
+
+    The wrench of contacts and pushes, and what the load beyond the sensor does to it by weight and inertia::
+
+        f = m (g - a_C),    n = c x f - (I alpha + omega x I omega)    about the flange
+
+    Args:
+        motion: of the flange.
+        wrench: (n, 6) of contacts and pushes on the tool, at the flange in base axes.
+        load: what hangs on the sensor.
+        p_FS: (3,) the sensor's origin in the flange frame, m.
+    """
+    in_flange = spatial.rotate_wrench(motion.R_FB, wrench)
+    if load.mass > 0.0:
+        force = -load.mass * motion.at(load.center)
+        omega, alpha = motion.into_flange(motion.omega), motion.into_flange(motion.alpha)
+        spin = alpha @ load.inertia.T + np.cross(omega, omega @ load.inertia.T)
+        in_flange = in_flange + np.concatenate([force, np.cross(load.center, force) - spin], axis=1)
+    return spatial.shift_wrench(in_flange, p_FS)

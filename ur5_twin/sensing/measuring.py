@@ -1,0 +1,152 @@
+"""The devices of a test stand at work: pieces of the truth in, what each device reports out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.sensing.channel import Line
+from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
+from ur5_twin.sensing.signals import Load, Signals
+from ur5_twin.sensing.specs import Clock, SensorSuite
+from ur5_twin.sensing.transport import arrival
+
+#: Names of the sensors on ``Tool.sensors``.
+FT_SENSOR, IMU_SENSOR = "ati_gamma", "xsens_mti"
+#: A joint that turns faster than this moves, rad/s.
+_MOVING = 1e-3
+
+
+class Measuring:
+    """Devices with their memory. The same generator state gives the same readings, however the truth is cut.
+
+    Args:
+        suite: what the devices are like.
+        model: the arm, with the tool that carries force sensor and IMU; those it does not carry report nothing.
+        rng: of all noise; each device gets streams of its own.
+        period: the robot's tick, s; the truth's times divide it.
+    """
+
+    def __init__(self, suite: SensorSuite, model: ArmModel, rng: np.random.Generator, *, period: float) -> None:
+        self._suite, self._model, self._period = suite, model, period
+        robot, ft, imu = rng.spawn(3)
+        position, velocity, current = robot.spawn(3)
+        self._robot = {
+            "actual_q": Line(suite.position, 6, position),
+            "actual_qd": Line(suite.velocity, 6, velocity),
+            "actual_current": Line(suite.current, 6, current),
+        }
+        sensors = {} if model.tool is None else model.tool.sensors
+        self._ft = None
+        if FT_SENSOR in sensors:
+            clock, line = ft.spawn(2)
+            self._ft = Device(suite.ft_clock, {"ft_wrench": Line(suite.ft, 6, line)}, clock)
+            self._p_FS = sensors[FT_SENSOR]
+        self._imu = None
+        if IMU_SENSOR in sensors:
+            clock, acceleration, rate, field = imu.spawn(4)
+            lines = {
+                "imu_acc": Line(suite.acceleration, 3, acceleration),
+                "imu_gyro": Line(suite.rate, 3, rate),
+                "imu_mag": Line(suite.field, 3, field),
+            }
+            self._imu = Device(suite.imu_clock, lines, clock)
+            self._p_FA = sensors[IMU_SENSOR]
+
+    @property
+    def host_start(self) -> dict[str, float]:
+        """Host's time at each device's own time 0, s; the robot's is the host's zero."""
+        found = {"robot": 0.0}
+        if self._ft is not None:
+            found["ft"] = self._suite.ft_clock.offset
+        if self._imu is not None:
+            found["imu"] = self._suite.imu_clock.offset
+        return found
+
+    def robot(self, signals: Signals, first_tick: int) -> dict[str, np.ndarray]:
+        """The robot's measured columns at the ticks of a piece that begins with tick ``first_tick``.
+
+        Returns:
+            ``time`` (n,), actual_q, actual_qd, actual_current (n, 6) and actual_tool_accelerometer (n, 3), whose counts
+            the lab's logs do not explain: zeros. With late packages ``time`` is their arrival, and ``timestamp`` (n, 1)
+            the controller's own.
+        """
+        every = round(self._period / (signals.time[1] - signals.time[0]))
+        tick = first_tick + np.arange(len(signals.time) // every)
+        time = tick * self._period
+        truth = {"actual_q": signals.q, "actual_qd": signals.qd, "actual_current": signals.current}
+        columns = {name: line.corrupted(time, truth[name][::every]) for name, line in self._robot.items()}
+        columns["actual_tool_accelerometer"] = np.zeros((len(time), 3))
+        columns["time"] = time
+        if self._suite.late_packages:
+            moving = (np.abs(signals.qd[::every]) > _MOVING).any(axis=1)
+            columns["timestamp"] = time[:, None]
+            columns["time"] = arrival(tick, time, moving, self._period)
+        return columns
+
+    def sensors(self, signals: Signals, load: Load) -> dict[str, dict[str, np.ndarray]]:
+        """What force sensor and IMU report during a piece: device -> column -> rows, with ``time`` on its own clock."""
+        if self._ft is None and self._imu is None:
+            return {}
+        reported = {}
+        motion = FlangeMotion.of(self._model, signals)
+        if self._ft is not None:
+            wrench = sensed_wrench(motion, signals.wrench, load, self._p_FS)
+            reported["ft"] = self._ft.report(signals.time, {"ft_wrench": wrench})
+        if self._imu is not None:
+            truth = {
+                "imu_acc": motion.at(self._p_FA),
+                "imu_gyro": motion.into_flange(motion.omega),
+                "imu_mag": motion.R_FB @ self._suite.earth_field,
+            }
+            reported["imu"] = self._imu.report(signals.time, truth)
+        return reported
+
+
+class Device:
+    """Lines that are sampled together on a clock of their own.
+
+    Args:
+        clock: when it samples.
+        lines: column -> its line.
+        rng: of the clock's jitter and repeats.
+    """
+
+    def __init__(self, clock: Clock, lines: dict[str, Line], rng: np.random.Generator) -> None:
+        self._clock, self._lines = clock, lines
+        self._jitter, self._repeats = rng.spawn(2)
+        self._count = 0
+        self._last: dict[str, np.ndarray] = {}
+
+    def report(self, time: np.ndarray, truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Take in a piece of the truth; the samples that it completes, with ``time`` (n,) s on the device's clock."""
+        clock = self._clock
+        for name, line in self._lines.items():
+            line.see(time, truth[name])
+        # Which samples are due must not depend on their jitter, or pieces of another length would draw it otherwise.
+        most = 0.5 / clock.rate if clock.jitter else 0.0
+        until = min(line.known_until for line in self._lines.values()) - clock.offset - most
+        end = max(self._count, int(np.floor(until * clock.rate + 1e-9)) + 1)
+        number = np.arange(self._count, end)
+        self._count = end
+        own = number / clock.rate
+        if clock.jitter:
+            own = own + np.clip(
+                clock.jitter * self._jitter.standard_normal(len(own)), -0.4 / clock.rate, 0.4 / clock.rate
+            )
+        columns = {name: line.sample(own + clock.offset) for name, line in self._lines.items()}
+        if clock.repeated:
+            self._repeat(columns, self._repeats.random(len(own)) < clock.repeated)
+        stamps = np.round(own / clock.stamp_step) * clock.stamp_step if clock.stamp_step else own
+        return {"time": stamps, **columns}
+
+    def _repeat(self, columns: dict[str, np.ndarray], again: np.ndarray) -> None:
+        for name, values in columns.items():
+            source = np.maximum.accumulate(np.where(again, -1, np.arange(len(values))))
+            kept = source >= 0
+            before = self._last.get(name)
+            columns[name] = values[np.maximum(source, 0)]
+            if before is not None:
+                columns[name][~kept] = before
+            if len(values):
+                self._last[name] = columns[name][-1].copy()

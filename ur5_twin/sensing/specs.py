@@ -1,0 +1,207 @@
+"""Presets of the devices: the numbers of ``models/sensors.toml``, checked, in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from ur5_twin.arm import files
+from ur5_twin.arm.files import NonNegative, Positive, Six, SixNonNegative, SixPositive, Strict, Three
+from ur5_twin.errors import ModelError, unknown
+from ur5_twin.sensing.channel import Channel
+
+#: Name of the preset without any fault.
+IDEAL = "ideal"
+_SHIPPED = "sensors.toml"
+_Share = Annotated[float, msgspec.Meta(ge=0, lt=1)]
+
+
+class EncodersSpec(Strict, frozen=True):
+    source: str
+    position_step_urad: SixNonNegative
+    velocity_step_urad_s: SixNonNegative
+
+
+class CurrentsSpec(Strict, frozen=True):
+    source: str
+    step_ma: SixNonNegative
+    noise_ma: SixNonNegative
+
+
+class ForceTorqueSpec(Strict, frozen=True):
+    source: str
+    rate_hz: Positive
+    jitter_ms: NonNegative
+    delay_ms: NonNegative
+    clock_offset_ms: float
+    bandwidth_hz: Positive
+    repeated: _Share
+    bias: Six
+    noise: SixNonNegative
+    drift_per_root_s: SixNonNegative
+    step: SixNonNegative
+    full_scale: SixPositive
+
+
+class AxesSpec(Strict, frozen=True):
+    bandwidth_hz: Positive
+    noise: NonNegative
+    bias: Three
+    full_scale: Positive
+
+
+class ImuSpec(Strict, frozen=True):
+    source: str
+    rate_hz: Positive
+    stamp_step_ms: NonNegative
+    delay_ms: NonNegative
+    clock_offset_ms: float
+    acceleration: AxesSpec
+    rate: AxesSpec
+    field: AxesSpec
+    earth_field: Three
+    bits: Annotated[int, msgspec.Meta(ge=2, le=32)]
+
+
+class SuiteSpec(Strict, frozen=True):
+    encoders: EncodersSpec
+    currents: CurrentsSpec
+    force_torque: ForceTorqueSpec
+    imu: ImuSpec
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When a device samples.
+
+    Attributes:
+        rate: 1/s.
+        jitter: standard deviation of a sample's time about the even grid, s; cut at half a period.
+        offset: its clock's zero on the robot's clock, s.
+        stamp_step: resolution of its time stamps, s; 0 for stamps as exact as a number can be.
+        repeated: share of samples that report the values of the one before.
+    """
+
+    rate: float
+    jitter: float
+    offset: float
+    stamp_step: float
+    repeated: float
+
+
+@dataclass(frozen=True)
+class SensorSuite:
+    """The devices of a test stand.
+
+    Attributes:
+        name: of the preset.
+        position, velocity, current: channels of the robot's own signals, sampled at its tick.
+        ft, ft_clock: the force sensor, N and Nm.
+        acceleration, rate, field, imu_clock: the IMU, m/s^2, rad/s and the unit of ``earth_field``.
+        earth_field: (3,) in the base frame.
+        late_packages: whether the robot's packages come late and split while it moves (thesis section 4.4.1).
+        source: where the numbers come from, by device.
+    """
+
+    name: str
+    position: Channel
+    velocity: Channel
+    current: Channel
+    ft: Channel
+    ft_clock: Clock
+    acceleration: Channel
+    rate: Channel
+    field: Channel
+    imu_clock: Clock
+    earth_field: np.ndarray
+    late_packages: bool
+    source: dict[str, str]
+
+
+def sensor_names() -> tuple[str, ...]:
+    """Names of the presets."""
+    return (*files.read_named(_SHIPPED, SuiteSpec), IDEAL)
+
+
+def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> SensorSuite:
+    """A preset by name, or a file with one table of the same layout.
+
+    Args:
+        name: ``lab``, ``ideal`` (the lab's devices and rates without noise, steps, bias, delay, repeats and limits), or
+            the path of a ``.toml`` file.
+        late_packages: see ``SensorSuite``.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    if str(name) == IDEAL:
+        spec = files.read_named(_SHIPPED, SuiteSpec)["lab"]
+        return _ideal(spec, late_packages)
+    if not str(name).endswith(".toml") and str(name) not in sensor_names():
+        raise ModelError(unknown("sensor preset", str(name), sensor_names()) + ", or give the path of a .toml file")
+    key, spec = files.choose(name, _SHIPPED, SuiteSpec, "sensor preset")
+    ft, imu = spec.force_torque, spec.imu
+    return SensorSuite(
+        name=key,
+        position=Channel(step=np.array(spec.encoders.position_step_urad) * 1e-6),
+        velocity=Channel(step=np.array(spec.encoders.velocity_step_urad_s) * 1e-6),
+        current=Channel(step=np.array(spec.currents.step_ma) * 1e-3, noise=np.array(spec.currents.noise_ma) * 1e-3),
+        ft=Channel(
+            delay=ft.delay_ms * 1e-3,
+            bandwidth=ft.bandwidth_hz,
+            bias=np.array(ft.bias),
+            noise=np.array(ft.noise),
+            drift=np.array(ft.drift_per_root_s),
+            step=np.array(ft.step),
+            full_scale=np.array(ft.full_scale),
+        ),
+        ft_clock=Clock(ft.rate_hz, ft.jitter_ms * 1e-3, ft.clock_offset_ms * 1e-3, 0.0, ft.repeated),
+        acceleration=_axes(imu.acceleration, imu),
+        rate=_axes(imu.rate, imu),
+        field=_axes(imu.field, imu),
+        imu_clock=Clock(imu.rate_hz, 0.0, imu.clock_offset_ms * 1e-3, imu.stamp_step_ms * 1e-3, 0.0),
+        earth_field=np.array(imu.earth_field),
+        late_packages=late_packages,
+        source={
+            "encoders": spec.encoders.source,
+            "currents": spec.currents.source,
+            "ft": ft.source,
+            "imu": imu.source,
+        },
+    )
+
+
+def _axes(axes: AxesSpec, imu: ImuSpec) -> Channel:
+    # Signed, so one bit less for the size.
+    step = axes.full_scale / 2 ** (imu.bits - 1)
+    return Channel(
+        delay=imu.delay_ms * 1e-3,
+        bandwidth=axes.bandwidth_hz,
+        bias=np.array(axes.bias),
+        noise=np.full(3, axes.noise),
+        step=np.full(3, step),
+        full_scale=np.full(3, axes.full_scale),
+    )
+
+
+def _ideal(spec: SuiteSpec, late_packages: bool) -> SensorSuite:
+    plain, none = Channel(), "without any fault"
+    return SensorSuite(
+        name=IDEAL,
+        position=plain,
+        velocity=plain,
+        current=plain,
+        ft=plain,
+        ft_clock=Clock(spec.force_torque.rate_hz, 0.0, 0.0, 0.0, 0.0),
+        acceleration=plain,
+        rate=plain,
+        field=plain,
+        imu_clock=Clock(spec.imu.rate_hz, 0.0, 0.0, 0.0, 0.0),
+        earth_field=np.array(spec.imu.earth_field),
+        late_packages=late_packages,
+        source={"encoders": none, "currents": none, "ft": none, "imu": none},
+    )
