@@ -185,7 +185,7 @@ def test_currents_and_torques_belong_together(plant: ArmModel) -> None:
     trace = run(loop, motion())
     np.testing.assert_allclose(
         trace.motor_torque,
-        drives.torque_constant * trace.current + drives.offset + drives.ripple.torque(trace.q),
+        drives.torque_constant * trace.current + drives.offset - drives.ripple.torque(trace.q),
         rtol=1e-12,
         atol=1e-9,
     )

@@ -51,7 +51,7 @@ class LinearDrive:
 
 @dataclass(frozen=True)
 class Ripple:
-    """Torque that comes and goes with the joint's angle, one row a term: sum of A cos(n q + phi).
+    """Torque that motor and gear take and give back with the joint's angle, one row a term: sum of A cos(n q + phi).
 
     The motor and the gear's wave generator turn 101 times as fast as the joint, so n is a multiple of that.
 
@@ -77,7 +77,7 @@ NO_RIPPLE = Ripple(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
 
 @dataclass(frozen=True)
 class JointDrives:
-    """The plant's motors and gears: tau_motor = k_t i + b + ripple(q), and what friction takes of it.
+    """The plant's motors and gears: tau_motor = k_t i + b - ripple(q), and what friction takes of it.
 
     Attributes:
         torque_constant: k_t, (6,) Nm/A at the joint.

@@ -218,7 +218,7 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
                     state.integral[j] += h * error[j]
                 for r in range(drives.ripple_order.shape[0]):
                     angle = drives.ripple_order[r] * q[j] + drives.ripple_phase[r, j]
-                    motor += drives.ripple_amplitude[r, j] * math.cos(angle)
+                    motor -= drives.ripple_amplitude[r, j] * math.cos(angle)
                 friction, state.deflection[j] = friction_torque(
                     drives.friction, j, state.deflection[j], h * qvel[j], qd[j], state.link_torque[j],
                     viscous_scale[k, j],

@@ -160,7 +160,7 @@ class ClosedLoop:
         acceleration = np.linalg.solve(self._controller.mass_matrix(q), asked)
         self._state.integral[:] = np.where(servo.kappai > 0, -acceleration / np.maximum(servo.kappai, 1e-9), 0.0)
         needed = self._plant.gravity(q)
-        given = drives.torque_constant * current + drives.offset + self._ripple.torque(q)
+        given = drives.torque_constant * current + drives.offset - self._ripple.torque(q)
         taken = given - needed
         level = np.where(taken > 0, drives.friction.positive, drives.friction.negative) + drives.friction.stribeck
         level += drives.friction.load * np.abs(needed)
