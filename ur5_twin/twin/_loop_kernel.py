@@ -216,19 +216,21 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
                 else:
                     # While the motor cannot follow the integral rests, or it would have to be unwound afterwards.
                     state.integral[j] += h * error[j]
+                ripple = 0.0
                 for r in range(drives.ripple_order.shape[0]):
                     angle = drives.ripple_order[r] * q[j] + drives.ripple_phase[r, j]
-                    motor -= drives.ripple_amplitude[r, j] * math.cos(angle)
+                    ripple += drives.ripple_amplitude[r, j] * math.cos(angle)
                 friction, state.deflection[j] = friction_torque(
                     drives.friction, j, state.deflection[j], h * qvel[j], qd[j], state.link_torque[j],
                     viscous_scale[k, j],
                 )  # fmt: skip
                 engine.ctrl[j] = motor
-                engine.applied[j] = -friction
+                # Not with the motor's torque: the engine limits that.
+                engine.applied[j] = -friction - ripple
                 trace.q[row, j] = q[j]
                 trace.qd[row, j] = qvel[j]
                 trace.current[row, j] = current
-                trace.motor_torque[row, j] = motor
+                trace.motor_torque[row, j] = motor - ripple
                 trace.friction_torque[row, j] = friction
                 if s == 0:
                     residual = _residual(servo, j, current, qd[j], planned[j])
