@@ -398,6 +398,32 @@ def identify_controller_current(
     _write_identified(results.current_result(fit, recordings, _command()), out)
 
 
+@identify.command("noise", epilog=_IDENTIFY_EXAMPLES)
+def identify_noise(
+    logs: _Logs,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/noise"),
+    sensors: Annotated[str, typer.Option(help="Simulated devices: a preset's name or a TOML.")] = "lab",
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulated noise.")] = 0,
+    repair: _Repair = False,
+) -> None:
+    """Measure your devices' noise, steps and clocks, beside the simulated devices' in the same motion."""
+    from ur5_twin.identification.noise import measure
+    from ur5_twin.sensing import load_sensors
+    from ur5_twin.twin.retrace import retrace
+    from ur5_twin.views.noise import write_noise
+
+    recordings = _read_all(logs, repair)
+    suite = load_sensors(sensors)
+    measured, simulated = [], []
+    with progress("retrace", len(recordings)) as advance:
+        for done, recording in enumerate(recordings, start=1):
+            measured.append(measure(recording))
+            simulated.append(measure(retrace(recording, suite, seed)))
+            advance(done)
+    print(write_noise(measured, simulated, out, _command()))
+    print(f"written to {out}: report.md, report.json, figures")
+
+
 def _command() -> str:
     """The command line as it was given, for provenance."""
     import shlex

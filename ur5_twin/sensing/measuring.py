@@ -7,6 +7,7 @@ import numpy as np
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.sensing.channel import Line
 from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
+from ur5_twin.sensing.motor_noise import MotorNoise
 from ur5_twin.sensing.signals import Load, Signals
 from ur5_twin.sensing.specs import Clock, SensorSuite
 from ur5_twin.sensing.transport import arrival
@@ -30,7 +31,8 @@ class Measuring:
     def __init__(self, suite: SensorSuite, model: ArmModel, rng: np.random.Generator, *, period: float) -> None:
         self._suite, self._model, self._period = suite, model, period
         robot, ft, imu = rng.spawn(3)
-        position, velocity, current = robot.spawn(3)
+        position, velocity, current, motors = robot.spawn(4)
+        self._motors = MotorNoise(suite.current_moving, suite.current_pole, motors)
         self._robot = {
             "actual_q": Line(suite.position, 6, position),
             "actual_qd": Line(suite.velocity, 6, velocity),
@@ -74,12 +76,13 @@ class Measuring:
         every = round(self._period / (signals.time[1] - signals.time[0]))
         tick = first_tick + np.arange(len(signals.time) // every)
         time = tick * self._period
-        truth = {"actual_q": signals.q, "actual_qd": signals.qd, "actual_current": signals.current}
-        columns = {name: line.corrupted(time, truth[name][::every]) for name, line in self._robot.items()}
+        q, qd = signals.q[::every], signals.qd[::every]
+        truth = {"actual_q": q, "actual_qd": qd, "actual_current": self._motors.added(signals.current[::every], qd)}
+        columns = {name: line.corrupted(time, truth[name]) for name, line in self._robot.items()}
         columns["actual_tool_accelerometer"] = np.zeros((len(time), 3))
         columns["time"] = time
         if self._suite.late_packages:
-            moving = (np.abs(signals.qd[::every]) > _MOVING).any(axis=1)
+            moving = (np.abs(qd) > _MOVING).any(axis=1)
             columns["timestamp"] = time[:, None]
             columns["time"] = arrival(tick, time, moving, self._period)
         return columns

@@ -30,6 +30,8 @@ class CurrentsSpec(Strict, frozen=True):
     source: str
     step_ma: SixNonNegative
     noise_ma: SixNonNegative
+    noise_moving_ma: SixNonNegative
+    noise_moving_pole: _Share
 
 
 class ForceTorqueSpec(Strict, frozen=True):
@@ -100,6 +102,8 @@ class SensorSuite:
     Attributes:
         name: of the preset.
         position, velocity, current: channels of the robot's own signals, sampled at its tick.
+        current_moving: (6,) standard deviation of the current's further noise in motion, A (``sensing.motor_noise``).
+        current_pole: of that noise.
         ft, ft_clock: the force sensor, N and Nm.
         acceleration, rate, field, imu_clock: the IMU, m/s^2, rad/s and the unit of ``earth_field``.
         earth_field: (3,) in the base frame.
@@ -111,6 +115,8 @@ class SensorSuite:
     position: Channel
     velocity: Channel
     current: Channel
+    current_moving: np.ndarray
+    current_pole: float
     ft: Channel
     ft_clock: Clock
     acceleration: Channel
@@ -150,6 +156,8 @@ def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> Se
         position=Channel(step=np.array(spec.encoders.position_step_urad) * 1e-6),
         velocity=Channel(step=np.array(spec.encoders.velocity_step_urad_s) * 1e-6),
         current=Channel(step=np.array(spec.currents.step_ma) * 1e-3, noise=np.array(spec.currents.noise_ma) * 1e-3),
+        current_moving=np.array(spec.currents.noise_moving_ma) * 1e-3,
+        current_pole=spec.currents.noise_moving_pole,
         ft=Channel(
             delay=ft.delay_ms * 1e-3,
             bandwidth=ft.bandwidth_hz,
@@ -195,6 +203,8 @@ def _ideal(spec: SuiteSpec, late_packages: bool) -> SensorSuite:
         position=plain,
         velocity=plain,
         current=plain,
+        current_moving=np.zeros(6),
+        current_pole=0.0,
         ft=plain,
         ft_clock=Clock(spec.force_torque.rate_hz, 0.0, 0.0, 0.0, 0.0),
         acceleration=plain,
