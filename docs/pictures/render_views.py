@@ -1,7 +1,7 @@
 """Draw the pictures of ``docs/viewing.md`` out of a replay.
 
     ur5-twin replay lab_logs/kufieta2014/Movement_No9_Singularity_Free_ForceSensor --out out/no9
-    xvfb-run -a -s "-screen 0 1600x1000x24" python docs/pictures/render_views.py out/no9
+    xvfb-run -a -s "-screen 0 6800x4400x24" python docs/pictures/render_views.py out/no9
 
 (without ``xvfb-run -a -s ...`` where there is a screen). Needs Rerun's viewer on the PATH.
 """
@@ -39,11 +39,11 @@ def main() -> None:
         for path in write_figures(recording, folder, title=recording.source, tool=model.tool):
             if path.stem in ("position", "wrench"):
                 path.replace(options.folder / f"replay_figures_{path.name}")
-        rrd = write_rrd(_from(recording, options.start), model, folder / "twin.rrd", title=recording.source)
-        _screenshot(rrd, folder / "shot.png", options.folder / "replay_rerun.png")
+        rrd = write_rrd(from_time(recording, options.start), model, folder / "twin.rrd", title=recording.source)
+        screenshot(rrd, folder / "shot.png", options.folder / "replay_rerun.png")
 
 
-def _from(recording: Recording, start: float) -> Recording:
+def from_time(recording: Recording, start: float) -> Recording:
     """The same without the robot's rows before a time: the viewer opens where a recording begins."""
     robot = recording.robot
     row = int(np.searchsorted(robot.time, start))
@@ -51,7 +51,7 @@ def _from(recording: Recording, start: float) -> Recording:
     return recording.with_table(Table(robot.device, robot.time[row:], columns, robot.host_start))
 
 
-def _screenshot(rrd: Path, shot: Path, path: Path) -> None:
+def screenshot(rrd: Path, shot: Path, path: Path) -> None:
     size = f"{_WIDTH}x{_HEIGHT}"
     command = ["rerun", "--renderer", "vulkan", "--window-size", size, "--screenshot-to", str(shot), str(rrd)]
     subprocess.run(command, check=True, timeout=180, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
