@@ -318,3 +318,188 @@ def test_logs_that_cannot_carry_a_fit_are_refused(run: Run, lab_logs: Path) -> N
     assert code == 2
     assert "joint 1 (0.0 s)" in err
     assert not list(Path().iterdir())
+
+
+_SHORT = """
+title = "A short run"
+description = "One joint moves a little while the arm is pushed."
+{top}
+
+[arm]
+tool = "ati_gamma"
+declared_payload = "ati_gamma"
+
+[start]
+q_deg = [-5.0, -113.0, -67.0, 90.0, -90.0, 85.0]
+
+[[motion]]
+type = "wait"
+duration_s = 0.4
+
+[[motion]]
+type = "movej"
+q_deg = [-5.0, -113.0, -67.0, 90.0, -90.0, {joint_6}]
+speed_rad_s = 0.5
+
+[[push]]
+at_s = 0.5
+profile = "half_sine"
+duration_s = 0.5
+force_n = {force}
+{more}
+"""
+
+
+def _write_scenario(name: str = "short.toml", **parts: object) -> str:
+    given = {"top": "", "joint_6": "95.0", "force": "[0.0, 0.0, 20.0]", "more": "", **parts}
+    Path(name).write_text(_SHORT.format(**given))
+    return name
+
+
+_QUIET = ("--no-rerun", "--no-figures")
+
+
+def test_run_lists_the_scenarios_that_ship(run: Run) -> None:
+    from ur5_twin.scenario import load_scenario, scenario_names
+
+    code, out, err = run("run", "--list")
+    assert code == 0
+    assert err == ""
+    assert [line.split()[0] for line in out.splitlines()] == list(scenario_names())
+    assert load_scenario("press_plate").title in out
+
+
+def test_run_writes_recording_log_and_report(run: Run) -> None:
+    code, out, _ = run("run", _write_scenario(), *_QUIET, "--out", "out")
+    assert code == 0
+    assert "written to out" in out
+    assert sorted(p.name for p in Path("out").iterdir()) == ["log", "recording.parquet", "report.json", "report.md"]
+    report = json.loads(Path("out/report.json").read_text())
+    recording = read(Path("out"))
+    assert report["scenario"] == "short"
+    assert report["samples"] == len(recording.robot)
+    assert report["ending"] == {"protective_stop_s": None, "stop_reason": None, "failure": None}
+    # The half sine's top, seen at the ticks.
+    assert report["wrench"]["truth"]["largest_force_n"] == pytest.approx(20.0, rel=1e-3)
+    assert set(recording.tables) == {"robot", "ft", "contact"}
+    assert len(read(Path("out/log")).robot) == len(recording.robot)
+    assert "A short run" in Path("out/report.md").read_text()
+
+
+def test_a_run_goes_to_a_folder_of_its_own_and_again_to_the_same(run: Run) -> None:
+    name = _write_scenario()
+    for _ in range(2):
+        assert run("run", name, *_QUIET)[0] == 0
+    assert Path("out/short/recording.parquet").is_file()
+    Path("out/other").mkdir()
+    Path("out/other/mine.txt").write_text("mine")
+    code, _, err = run("run", _write_scenario("other.toml"), *_QUIET)
+    assert code == 2
+    assert "no run of a scenario" in err
+    assert [p.name for p in Path("out/other").iterdir()] == ["mine.txt"]
+
+
+def test_a_seed_changes_the_noise_and_not_the_motion(run: Run) -> None:
+    name = _write_scenario()
+    for seed in (1, 1, 2):
+        assert run("run", name, *_QUIET, "--seed", seed, "--out", f"out{seed}")[0] == 0
+    one, two = (read(Path(f"out{seed}/recording.parquet")).robot for seed in (1, 2))
+    assert json.loads(Path("out1/report.json").read_text())["seed"] == 1
+    assert (one["actual_current"] != two["actual_current"]).any()
+    np.testing.assert_array_equal(one["truth_q"], two["truth_q"])
+
+
+def test_a_run_that_nothing_touches_can_be_replayed(run: Run) -> None:
+    motions = Path("free.toml")
+    text = _SHORT.format(top="", joint_6="95.0", force="[0.0, 0.0, 1.0]", more="")
+    motions.write_text(text[: text.index("[[push]]")])
+    code, out, _ = run("run", "free.toml", "--no-rerun", "--out", "out")
+    assert code == 0
+    assert Path("out/figures").is_dir()
+    for log in ("out", "out/log"):
+        code, _, _ = run("replay", log, "--tool", "ati_gamma", "--payload", "ati_gamma", *_QUIET, "--out", "again")
+        assert code == 0
+        report = json.loads(Path("again/report.json").read_text())
+        # The controller's own torque in its own log: rounding to six decimals of the targets.
+        assert max(report["target_moment"]["mae_nm"]) < 1e-3
+
+
+_BLOCK = """
+[[obstacle]]
+name = "block"
+shape = "box"
+position_mm = {position}
+size_mm = [300.0, 300.0, 300.0]
+stiffness_n_m = {stiffness}
+"""
+_FAR = """
+[[motion]]
+type = "movel"
+position_mm = [2000.0, 0.0, 300.0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"more": _BLOCK.format(position="[2000.0, 0.0, 0.0]", stiffness=0)}, "obstacle[0].stiffness_n_m"),
+        ({"more": _FAR}, "motion[2].position_mm"),
+        ({"more": _FAR}, "cannot reach"),
+        ({"more": _BLOCK.format(position="[400.0, -150.0, 400.0]", stiffness=2e4)}, "starts inside something"),
+        ({"more": _BLOCK.format(position="[400.0, -150.0, 400.0]", stiffness=2e4)}, "obstacle_block"),
+        ({"more": "from = 'above'"}, "from"),
+        ({"top": "duration_s = -1.0"}, "duration_s"),
+        ({"top": "speed = 3"}, "speed"),
+        ({"joint_6": "9500.0"}, "motion[1].q_deg[5]"),
+        ({"force": "[0.0, 0.0, 0.0]"}, "push[0].force_n"),
+        ({"force": "[0.0, 0.0]"}, "push[0].force_n"),
+        ({"force": "20.0"}, "push[0].force_n"),
+    ],
+)
+def test_a_scenario_that_cannot_be_is_one_line_that_names_the_cause(
+    run: Run, parts: dict[str, object], says: str
+) -> None:
+    code, out, err = run("run", _write_scenario(**parts), *_QUIET, "--out", "out")
+    assert code == 2
+    assert out == ""
+    assert err.startswith("ur5-twin: ")
+    assert err.count("\n") == 1
+    assert says in err
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "--list"),
+        (["pres_plate"], "press_plate"),
+        (["dance"], "or give the path of a .toml file"),
+        (["missing.toml"], "missing.toml"),
+        (["press_plate", "--seed", "-1"], "--seed"),
+    ],
+)
+def test_a_run_of_what_there_is_not(run: Run, arguments: list[str], says: str) -> None:
+    code, out, err = run("run", *arguments)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert says in err
+    assert not list(Path().iterdir())
+
+
+def test_a_push_that_overpowers_the_arm_ends_the_run_and_keeps_what_came_before(run: Run) -> None:
+    name = _write_scenario(force="[0.0, -2000.0, 0.0]", more="[limits]\ndeviation_rad = 0.1")
+    code, _, err = run("run", name, *_QUIET, "--out", "out")
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "overpowers the stopped arm" in err
+    assert "out" in err.split("what came before it is in")[1]
+    recording = read(Path("out/recording.parquet"))
+    # The push begins at 0.5 s; the time in the message is where the recording ends.
+    said = float(err.split("at ")[1].split(" s")[0])
+    assert 0.5 < said < 1.0
+    assert recording.robot.time[-1] == pytest.approx(said, abs=0.0081)
+    report = json.loads(Path("out/report.json").read_text())
+    assert report["ending"]["failure"] in err
+    assert report["ending"]["stop_reason"] is not None
+    assert "The run ended before its time" in Path("out/report.md").read_text()

@@ -132,6 +132,7 @@ class GainsSpec(Strict, frozen=True):
     kappa1: SixNonNegative
     kappai: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     lag_ms: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    acceleration_share: SixNonNegative = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 class DriveSpec(Strict, frozen=True):

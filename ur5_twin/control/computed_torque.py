@@ -1,9 +1,9 @@
 """Feedback linearisation with a PD law (thesis equations 2.69, 2.71) and an integral, for compiled callers.
 
-    tau = M(q) a + C(q, qd) qd + g(q),   a = qdd_d - K0 e - K1 e' - KI int(e) dt,   e = q - q_d + T qd_d
+    tau = M(q) a + C(q, qd) qd + g(q),   a = A qdd_d - K0 e - K1 e' - KI int(e) dt,   e = q - q_d + T qd_d
 
 Shapes: q, qd, kappa, integral (6,); a target is (3, 6): q_d, qd_d, qdd_d. ``packed`` is ``Dynamics.packed`` of the
-model that the controller linearises with. The thesis' law has no integral and no lag: KI and T are zero for its gains.
+model that the controller linearises with. The thesis' law has no integral and no lag: KI and T are zero and A is one for its gains.
 """
 
 from __future__ import annotations
@@ -61,22 +61,22 @@ def reference(before, after, dt, coefficients, step):  # pragma: no cover - comp
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def demand(c, t, j, q, qd, kappa0, kappa1, kappai, lag, integral):  # pragma: no cover - compiled
+def demand(c, t, j, q, qd, kappa0, kappa1, kappai, lag, share, integral):  # pragma: no cover - compiled
     """The servo's acceleration for joint j with the reference at time t of the polynomial, and the position error."""
     q_d = c[0, j] + t * (c[1, j] + t * (c[2, j] + t * (c[3, j] + t * (c[4, j] + t * c[5, j]))))
     qd_d = c[1, j] + t * (2.0 * c[2, j] + t * (3.0 * c[3, j] + t * (4.0 * c[4, j] + t * 5.0 * c[5, j])))
     qdd_d = 2.0 * c[2, j] + t * (6.0 * c[3, j] + t * (12.0 * c[4, j] + t * 20.0 * c[5, j]))
     error = q - q_d + lag[j] * qd_d
     rate = qd - qd_d + lag[j] * qdd_d
-    return qdd_d - kappa0[j] * error - kappa1[j] * rate - kappai[j] * integral[j], error
+    return share[j] * qdd_d - kappa0[j] * error - kappa1[j] * rate - kappai[j] * integral[j], error
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def law(target, q, qd, kappa0, kappa1, kappai, lag, integral, packed, torque):  # pragma: no cover - compiled
+def law(target, q, qd, kappa0, kappa1, kappai, lag, share, integral, packed, torque):  # pragma: no cover - compiled
     """The control law at a sample."""
     a = np.empty(6)
     for j in range(6):
         error = q[j] - target[0, j] + lag[j] * target[1, j]
         rate = qd[j] - target[1, j] + lag[j] * target[2, j]
-        a[j] = target[2, j] - kappa0[j] * error - kappa1[j] * rate - kappai[j] * integral[j]
+        a[j] = share[j] * target[2, j] - kappa0[j] * error - kappa1[j] * rate - kappai[j] * integral[j]
     rnea_into(packed, q, qd, a, torque)

@@ -12,7 +12,7 @@ from ur5_twin.arm import files
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a = qdd_d - K0 e - K1 e' - KI int(e) dt (thesis equation 2.71 and an integral).
+    """Gains of a = A qdd_d - K0 e - K1 e' - KI int(e) dt (thesis equation 2.71 and an integral).
 
     e = q - (q_d - T qd_d): the servo follows its target by T late, as the real one does; the thesis' does not.
 
@@ -21,6 +21,7 @@ class Gains:
         kappa1: (6,) 1/s.
         kappai: (6,) 1/s^3, zero for the thesis' gains.
         lag: T, (6,) s, zero for the thesis' gains.
+        share: A, (6,) of the target's acceleration that is fed forward, one for the thesis' gains.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Gains:
     kappa1: np.ndarray
     kappai: np.ndarray = field(default_factory=lambda: np.zeros(6))
     lag: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    share: np.ndarray = field(default_factory=lambda: np.ones(6))
 
 
 def gain_names() -> tuple[str, ...]:
@@ -50,4 +52,5 @@ def load_gains(name: str | Path = "thesis_c") -> Gains:
         np.array(spec.kappa1),
         np.array(spec.kappai),
         np.array(spec.lag_ms) * 1e-3,
+        np.array(spec.acceleration_share),
     )

@@ -51,25 +51,30 @@ class Line:
         self._noise, self._walk = rng.spawn(2)
         self._filter: np.ndarray | None = None
         self._memory: np.ndarray | None = None
-        self._time = np.empty(0)
-        self._values = np.empty((0, width))
+        self._time = self._held_time = np.empty(0)
+        self._values = self._held_values = np.empty((0, width))
         self._drift = np.zeros(width)
         self._last_sample: float | None = None
 
     def see(self, time: np.ndarray, values: np.ndarray) -> None:
         """Take in the next piece of the truth: times (n,) s, evenly spaced, and values (n, width)."""
         if self._channel.bandwidth is not None:
-            values = self._smoothed(time, values)
+            time, values = self._smoothed(time, values)
         self._time = np.concatenate([self._time, time])
         self._values = np.concatenate([self._values, values])
 
     @property
     def known_until(self) -> float:
-        """Time up to which samples can be taken, s."""
+        """Time up to which samples can be taken, but for rounding, s."""
         return self._time[-1] + self._channel.delay if len(self._time) else -np.inf
 
+    def covers(self, time: np.ndarray) -> np.ndarray:
+        """(n,) whether samples can be taken at times (n,) s, exactly: no sample lies beyond the last row it has seen."""
+        last = self._time[-1] if len(self._time) else -np.inf
+        return time - self._channel.delay <= last
+
     def sample(self, time: np.ndarray) -> np.ndarray:
-        """(n, width) what it reads at times (n,) s, rising and at most ``known_until``; before the first, the first."""
+        """(n, width) what it reads at times (n,) s, rising and covered; before the first, the first."""
         channel = self._channel
         at = time - channel.delay
         values = np.stack([np.interp(at, self._time, column) for column in self._values.T], axis=1)
@@ -101,14 +106,17 @@ class Line:
             values = np.where(channel.step > 0, np.round(values / step) * step, values)
         return values
 
-    def _smoothed(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def _smoothed(self, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._filter is None:
+            # The rate is not known before the second row: the first is held back until then.
+            time, values = np.concatenate([self._held_time, time]), np.concatenate([self._held_values, values])
             if len(time) < 2:
-                return values
+                self._held_time, self._held_values = time, values
+                return time[:0], values[:0]
             rate = 1.0 / (time[1] - time[0])
             assert self._channel.bandwidth is not None
             self._filter = butter(2, min(self._channel.bandwidth, 0.49 * rate), fs=rate, output="sos")
             # It has seen the first value for ever.
             self._memory = sosfilt_zi(self._filter)[:, :, None] * values[0]
         smooth, self._memory = sosfilt(self._filter, values, axis=0, zi=self._memory)
-        return smooth
+        return time, smooth

@@ -10,7 +10,7 @@ from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
 from ur5_twin.sensing.motor_noise import MotorNoise
 from ur5_twin.sensing.signals import Load, Signals
 from ur5_twin.sensing.specs import Clock, SensorSuite
-from ur5_twin.sensing.transport import arrival
+from ur5_twin.sensing.transport import Arrivals
 
 #: Names of the sensors on ``Tool.sensors``.
 FT_SENSOR, IMU_SENSOR = "ati_gamma", "xsens_mti"
@@ -33,6 +33,7 @@ class Measuring:
         robot, ft, imu = rng.spawn(3)
         position, velocity, current, motors = robot.spawn(4)
         self._motors = MotorNoise(suite.current_moving, suite.current_pole, motors)
+        self._arrivals = Arrivals(period)
         self._robot = {
             "actual_q": Line(suite.position, 6, position),
             "actual_qd": Line(suite.velocity, 6, velocity),
@@ -84,7 +85,7 @@ class Measuring:
         if self._suite.late_packages:
             moving = (np.abs(qd) > _MOVING).any(axis=1)
             columns["timestamp"] = time[:, None]
-            columns["time"] = arrival(tick, time, moving, self._period)
+            columns["time"] = self._arrivals.of(tick, time, moving)
         return columns
 
     def sensors(self, signals: Signals, load: Load) -> dict[str, dict[str, np.ndarray]]:
@@ -129,9 +130,11 @@ class Device:
         # Which samples are due must not depend on their jitter, or pieces of another length would draw it otherwise.
         most = 0.5 / clock.rate if clock.jitter else 0.0
         until = min(line.known_until for line in self._lines.values()) - clock.offset - most
-        end = max(self._count, int(np.floor(until * clock.rate + 1e-9)) + 1)
-        number = np.arange(self._count, end)
-        self._count = end
+        # One too many at first: rounding must not decide which are due, or a cut elsewhere would decide otherwise.
+        number = np.arange(self._count, int(max(self._count, np.floor(until * clock.rate) + 2)))
+        at = number / clock.rate + most + clock.offset
+        number = number[np.all([line.covers(at) for line in self._lines.values()], axis=0)]
+        self._count += len(number)
         own = number / clock.rate
         if clock.jitter:
             own = own + np.clip(

@@ -82,7 +82,7 @@ class Clock:
 
     Attributes:
         rate: 1/s.
-        jitter: standard deviation of a sample's time about the even grid, s; cut at half a period.
+        jitter: standard deviation of a sample's time about the even grid, s; cut at 0.4 of a period.
         offset: its clock's zero on the robot's clock, s.
         stamp_step: resolution of its time stamps, s; 0 for stamps as exact as a number can be.
         repeated: share of samples that report the values of the one before.

@@ -53,6 +53,7 @@ class Servo(NamedTuple):
     kappa1: np.ndarray
     kappai: np.ndarray
     lag: np.ndarray
+    share: np.ndarray
     torque_constant: np.ndarray
     load: np.ndarray
     viscous_driving: np.ndarray
@@ -199,7 +200,17 @@ def run(engine, servo, drives, state, guard, pushes, body_link, targets, dt, ste
             for j in range(6):
                 qd[j] = qvel[j] + 0.5 * h * qacc[j]
                 a[j], error[j] = demand(
-                    c, s * h, j, q[j], qd[j], servo.kappa0, servo.kappa1, servo.kappai, servo.lag, state.integral
+                    c,
+                    s * h,
+                    j,
+                    q[j],
+                    qd[j],
+                    servo.kappa0,
+                    servo.kappa1,
+                    servo.kappai,
+                    servo.lag,
+                    servo.share,
+                    state.integral,
                 )
             if s == 0:
                 why, joint = _check(engine, guard, state.residual, error, qd, result)
@@ -448,7 +459,17 @@ def first_torque(engine, servo, drives, state, before, after, dt, h, torque):
     reference(before, after, dt, c, np.empty((2, 6)))
     for j in range(6):
         a[j], _ = demand(
-            c, 0.0, j, engine.qpos[j], state.qd[j], servo.kappa0, servo.kappa1, servo.kappai, servo.lag, state.integral
+            c,
+            0.0,
+            j,
+            engine.qpos[j],
+            state.qd[j],
+            servo.kappa0,
+            servo.kappa1,
+            servo.kappai,
+            servo.lag,
+            servo.share,
+            state.integral,
         )
     rnea_into(servo.packed, engine.qpos, state.qd, a, torque)
     current = current_of(servo, drives, before, torque)

@@ -210,17 +210,22 @@ class Cell:
         loop.hold(self.target, REST)
         loop.with_limits(self.setup.limits)
 
-    def advance(self, targets: np.ndarray) -> list[Piece]:
+    def advance(self, targets: np.ndarray, *, to_stop: bool = False) -> list[Piece]:
         """Go on through target rows (n, 3, 6), one a tick, from the target the cell stands at.
 
         After a protective stop the arm brakes and holds whatever the targets say. A cell that has failed stays where it
         is.
+
+        Args:
+            targets: in rad, rad/s and rad/s^2.
+            to_stop: come back where the controller makes a protective stop, before the targets are through.
 
         Returns:
             The ticks that were done, in one piece or, where the controller's model changed or it stopped, several.
         """
         pieces: list[Piece] = []
         done = 0
+        running = self.stop_tick is None
         while done < len(targets) and self.failure is None:
             end = done + self._until_next_change(len(targets) - done)
             rows = targets[done:end] if self._halt is None else np.stack([next(self._halt) for _ in range(end - done)])
@@ -228,6 +233,8 @@ class Cell:
             if len(piece.targets):
                 pieces.append(piece)
             done += len(piece.targets)
+            if to_stop and running and self.stop_tick is not None:
+                break
         return pieces
 
     def _run(self, rows: np.ndarray) -> Piece:

@@ -267,6 +267,7 @@ class ClosedLoop:
             servo.kappa1,
             servo.kappai,
             servo.lag,
+            servo.share,
             state.integral,
             servo.packed,
             self._moment,
@@ -366,6 +367,7 @@ def _servo(controller: ArmModel, gains: Gains, law: TargetCurrentLaw | None) -> 
         gains.kappa1,
         gains.kappai,
         gains.lag,
+        gains.share,
         np.ones(6) if law is None else law.torque_constant,
         *friction_terms,
     )

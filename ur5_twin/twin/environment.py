@@ -42,8 +42,8 @@ class CellEnvironment(dm_env.Environment):
         reward: of an observation; none is given if there is no such function.
         truth: whether the observations hold ``truth_*`` columns, which no robot publishes.
 
-    Observations hold RTDE's columns of the robot (6,), the newest reading of each sensor that the arm carries, and
-    ``time`` () in s. An episode ends after its duration, or, with a discount of 0, with a protective stop or when the
+    Observations hold RTDE's columns of the robot (6,), the newest reading of each sensor that the arm carries (NaN
+    before its first), and ``time`` () in s. An episode ends after its duration, or, with a discount of 0, with a protective stop or when the
     simulation cannot go on; ``why`` then says why.
     """
 
@@ -97,7 +97,10 @@ class CellEnvironment(dm_env.Environment):
         """
         if self._over:
             return self.reset()
-        target = np.asarray(action, dtype=float)
+        try:
+            target = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            target = np.empty(0)
         if target.shape != (6,) or not np.isfinite(target).all():
             raise SimulationError(f"an action is target_q, six finite numbers in rad, not {action!r}")
         observation = self._tick(target)
@@ -135,8 +138,10 @@ class CellEnvironment(dm_env.Environment):
         observation = {name: values[-1] for name, values in reported["robot"].items()}
         for device, columns in _NEWEST.items():
             for name in columns if device in reported else ():
-                if len(reported[device][name]):
-                    self._newest[name] = reported[device][name][-1]
+                readings = reported[device][name]
+                self._newest.setdefault(name, np.full(readings.shape[1], np.nan))
+                if len(readings):
+                    self._newest[name] = readings[-1]
         observation |= self._newest
         if not self._truth:
             observation = {name: value for name, value in observation.items() if not name.startswith("truth_")}

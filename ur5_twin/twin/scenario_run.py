@@ -16,10 +16,10 @@ from ur5_twin.twin.cell import PERIOD, Cell, concatenate
 from ur5_twin.twin.setup import setup_of
 from ur5_twin.twin.telemetry import Telemetry
 
-#: Ticks at once, four seconds of the robot: the devices' fixed cost per piece is then small beside the physics.
-_CHUNK = 500
 #: After a protective stop a run goes on for as long, s: the arm brakes, holds, and may yet be pushed away.
 _AFTER_STOP = 1.0
+#: Ticks at once, four seconds of the robot: the devices' fixed cost per piece is then small beside the physics.
+_CHUNK = 500
 
 
 class ScenarioRun:
@@ -66,7 +66,7 @@ class ScenarioRun:
         rows = self._rows[first + 1 : min(first + 1 + _CHUNK, self._end() + 1)]
         if len(rows) < min(_CHUNK, self._end() - first):
             rows = np.concatenate([rows, self._rows[-1:]])
-        for piece in self.cell.advance(rows):
+        for piece in self.cell.advance(rows, to_stop=True):
             self._telemetry.observe(piece)
             if self._kept is not None:
                 self._kept.append(piece.trace)

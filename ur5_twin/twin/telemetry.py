@@ -73,13 +73,15 @@ class Telemetry:
         return reported
 
     def recording(self, source: str) -> Recording:
-        """Everything observed so far."""
+        """Everything observed so far; what has reported nothing has no table."""
         tables = {}
         for device, pieces in self._rows.items():
-            if not pieces:
+            columns = {
+                name: np.concatenate([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())
+            }
+            time = columns.pop("time", np.empty(0))
+            if not len(time):
                 continue
-            columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
-            time = columns.pop("time")
             # Contacts are the truth, on the robot's own clock.
             clock = "robot" if device == "contact" else device
             tables[device] = Table(device, time, columns, self._measuring.host_start[clock])
