@@ -2,9 +2,9 @@
 
     python benchmarks/contact_replay.py LOGS
 
-LOGS is the folder that holds the lab's movements. Per joint: the largest position error, measured and simulated, and how
-the simulated current's change (actual_current minus target_current) follows the measured one where that is above 0.3 A:
-correlation and slope. Runs with the force sensor first, free ones after them.
+LOGS is the folder that holds the lab's movements. Per joint: the largest position error, measured and simulated, and
+how the simulated current's change (actual_current minus target_current) follows the measured one where that is above
+0.3 A: correlation and slope. Runs with the force sensor first, free ones after them.
 """
 
 from __future__ import annotations

@@ -350,7 +350,7 @@ force_n = {force}
 """
 
 
-def _write_scenario(name: str = "short.toml", **parts: object) -> str:
+def _write_scenario(name: str = "short.toml", **parts: str) -> str:
     given = {"top": "", "joint_6": "95.0", "force": "[0.0, 0.0, 20.0]", "more": "", **parts}
     Path(name).write_text(_SHORT.format(**given))
     return name
@@ -413,7 +413,7 @@ def test_a_run_that_nothing_touches_can_be_replayed(run: Run) -> None:
     motions = Path("free.toml")
     text = _SHORT.format(top="", joint_6="95.0", force="[0.0, 0.0, 1.0]", more="")
     motions.write_text(text[: text.index("[[push]]")])
-    code, out, _ = run("run", "free.toml", "--no-rerun", "--out", "out")
+    code, _, _ = run("run", "free.toml", "--no-rerun", "--out", "out")
     assert code == 0
     assert Path("out/figures").is_dir()
     for log in ("out", "out/log"):
@@ -456,9 +456,7 @@ position_mm = [2000.0, 0.0, 300.0]
         ({"force": "20.0"}, "push[0].force_n"),
     ],
 )
-def test_a_scenario_that_cannot_be_is_one_line_that_names_the_cause(
-    run: Run, parts: dict[str, object], says: str
-) -> None:
+def test_a_scenario_that_cannot_be_is_one_line_that_names_the_cause(run: Run, parts: dict[str, str], says: str) -> None:
     code, out, err = run("run", _write_scenario(**parts), *_QUIET, "--out", "out")
     assert code == 2
     assert out == ""

@@ -5,9 +5,11 @@
     ur5-twin replay out/push_moving/log --tool ati_gamma --wrench measured --out out/twin_log
     ur5-twin replay lab_logs/kufieta2014/Movement_No9_Singularity_Free_ForceSensor --tool ati_gamma --wrench measured \\
         --out out/lab_log
-    xvfb-run -a -s "-screen 0 6800x4400x24" python docs/pictures/render_run.py out/press_plate out/lab_log out/twin_log
+    xvfb-run -a -s "-screen 0 6800x4400x24" \\
+        python docs/pictures/render_run.py out/press_plate out/lab_log out/twin_log
 
-(without ``xvfb-run -a -s ...`` where there is a screen; a large one keeps the pointer off the picture). Needs Rerun's viewer on the PATH.
+(without ``xvfb-run -a -s ...`` where there is a screen; a large one keeps the pointer off the picture). Needs Rerun's
+viewer on the PATH.
 """
 
 from __future__ import annotations

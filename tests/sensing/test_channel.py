@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,7 +22,7 @@ def read(
     time = np.arange(len(values)) * STEP
     edges = [0, *sorted(set(cuts)), len(values)]
     parts, taken = [], 0
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in pairwise(edges):
         line.see(time[start:end], values[start:end])
         due = int(line.covers(at[taken:]).sum())
         if due:

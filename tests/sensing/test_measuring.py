@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def pieces(signals: Signals, cuts: list[int]) -> list[Signals]:
     edges = [0, *sorted(set(cuts)), len(signals.time) // ROWS]
     return [
         Signals(**{f.name: getattr(signals, f.name)[ROWS * a : ROWS * b] for f in fields(Signals)})
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     ]
 
 
@@ -92,8 +93,10 @@ def test_one_tick_at_a_time_reads_the_same_bits(model: ArmModel, rate: float) ->
     """Also at rates whose samples fall on the last row of a piece, without jitter, where rounding could decide."""
     lab = load_sensors("lab", late_packages=True)
     for jitter in (0.0, 6e-5):
-        for offset in (0.0, 0.0046):
-            suite = replace(lab, ft_clock=Clock(rate, jitter, offset, 0.0, 0.3))
+        # Offset less delay is whole steps of 2 ms in all but the lab's own.
+        for offset, delay in ((0.0, 0.0), (0.006, 0.074), (0.1, 0.3), (0.0046, 0.075)):
+            clock = Clock(rate, jitter, offset, 0.0, 0.3)
+            suite = replace(lab, ft_clock=clock, ft=replace(lab.ft, delay=delay, noise=None, step=None))
             signals = swinging(150, still_from=0.8)
             whole = measured(suite, model, signals)
             assert_same_bits(measured(suite, model, signals, cuts=list(range(1, 150))), whole)
@@ -141,7 +144,7 @@ def test_the_force_sensors_clock(half_a_minute: Recording) -> None:
     # n = 6200 samples know a standard deviation to 0.9 %; four times that.
     assert off.std() == pytest.approx(6e-5, rel=0.036)
     assert np.abs(off).max() <= 0.4 / 207.76
-    repeated = (np.diff(ft["ft_wrench"], axis=0) == 0).all(axis=1)
+    repeated = np.all(np.diff(ft["ft_wrench"], axis=0) == 0, axis=1)
     # A share of 0.075 scatters by sqrt(0.075 * 0.925 / n) = 0.0033; four times that.
     assert repeated.mean() == pytest.approx(0.075, abs=0.0134)
 
@@ -179,7 +182,7 @@ def test_host_stamps_put_the_devices_on_the_robots_clock(model: ArmModel, offset
     ticks = Clock(1.0 / PERIOD, 0.0, 0.0, 0.0, 0.0)
     truth = measured(replace(ideal, ft_clock=ticks, imu_clock=ticks), model, signals)
     for device, name, slope in (("ft", "ft_wrench", 240.0), ("imu", "imu_gyro", 10.0)):
-        known = np.isfinite(aligned[name]).all(axis=1)
+        known = np.all(np.isfinite(aligned[name]), axis=1)
         # All but the beginning before the clock's zero and the end after its last sample.
         assert known.sum() >= 200 - (max(0.0, offset_imu) + PERIOD) / PERIOD - 2
         expected = truth.tables[device][name]

@@ -96,14 +96,14 @@ def test_an_action_is_reached_in_the_observation_after_next() -> None:
 def test_an_action_beyond_the_joints_speed_is_cut_to_it() -> None:
     environment = CellEnvironment(standing())
     environment.reset()
-    fastest = load_scenario("push_x").controller_model().limits.qd
+    fastest = load_scenario("push_x").controller_model().limits.qd[:2] * np.array([1.0, -1.0])
     start = standing().q_start
     far = start + np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
     environment.step(far)
     seen = environment.step(far).observation
     # Rounding.
-    np.testing.assert_allclose(seen["target_q"][:2], start[:2] + [1, -1] * fastest[:2] * PERIOD, atol=1e-12)
-    np.testing.assert_allclose(seen["target_qd"][:2], [1, -1] * fastest[:2], rtol=1e-9)
+    np.testing.assert_allclose(seen["target_q"][:2], start[:2] + fastest * PERIOD, atol=1e-12)
+    np.testing.assert_allclose(seen["target_qd"][:2], fastest, rtol=1e-9)
     np.testing.assert_allclose(seen["target_q"][2:], start[2:], atol=1e-12)
 
 
@@ -152,7 +152,7 @@ def test_a_protective_stop_ends_an_episode_with_discount_0_and_says_why() -> Non
     assert step.discount == 0.0
     assert environment.why is not None
     assert environment.why.startswith("protective stop at ")
-    assert "wrist_3" in environment.why or "joint 6" in environment.why
+    assert "joint 6" in environment.why
     assert environment.recording().robot.time[-1] < 1.0
     assert environment.step(target).first()
     assert environment.why is None

@@ -58,10 +58,10 @@ def test_the_scenarios_own_seed_is_taken_if_none_is_given() -> None:
 def test_another_seed_is_another_noise_and_the_same_motion(moving: tuple[ScenarioRun, Recording]) -> None:
     one = moving[1]
     other = ScenarioRun(scenario("push_moving", duration=8.0), seed=4).finish()
-    idle = ~np.concatenate([one.robot["target_qd"], one.robot["target_qdd"]], axis=1).any(axis=1)
+    idle = ~np.any(np.concatenate([one.robot["target_qd"], one.robot["target_qdd"]], axis=1), axis=1)
     assert 0 < idle.sum() < len(idle)
     for name, values in one.robot.columns.items():
-        same = values == other.robot[name]
+        same = np.asarray(values == other.robot[name])
         if name.startswith("truth_") or name in ("safety_mode", "target_qd", "target_qdd"):
             assert same.all(), name
         elif name.startswith("target_"):
@@ -124,6 +124,15 @@ def test_a_run_lasts_as_long_as_its_scenario_says() -> None:
         run = ScenarioRun(scenario("push_x", duration=None, settle=settle, pushes=(push,)))
         # The push ends at 3 s.
         assert len(run) * PERIOD == pytest.approx(3.0 + settle, abs=PERIOD)
+
+
+def test_a_run_cut_in_motion_is_the_longer_runs_beginning() -> None:
+    """To its last row: the tick that is cut off goes where the plan goes."""
+    short, long = (ScenarioRun(scenario("push_moving", duration=seconds)).finish() for seconds in (4.0, 4.4))
+    n = len(short.robot)
+    assert np.abs(short.robot["target_qd"][-1]).max() > 0.1
+    for name, values in short.robot.columns.items():
+        np.testing.assert_array_equal(values, long.robot[name][:n], err_msg=name)
 
 
 def test_a_protective_stop_ends_the_run_one_second_later() -> None:
@@ -232,8 +241,9 @@ def test_a_recording_goes_the_way_of_a_lab_log(moving: tuple[ScenarioRun, Record
         # rows tell to 7 %, and the replay's own error.
         beyond = (robot["actual_current"][:, joint] - simulated)[moves[:, joint]]
         assert beyond.std() < 1.25 * np.hypot(lab.current.noise, lab.current_moving)[joint], joint
-    # Where the arm was, to what the readings' noise and the robot's 8 ms leave of pushes that move it by 0.3 mrad.
-    assert np.abs(robot["sim_actual_q"] - recording.robot["truth_q"]).max() < 2e-4
+    # Where the arm was: friction holds the wrist's joints apart by up to a quarter of a milliradian, where they started
+    # from different ends of the encoders' steps and of the readings' noise; twice that.
+    assert np.abs(robot["sim_actual_q"] - recording.robot["truth_q"]).max() < 5e-4
 
 
 def test_a_run_in_which_nothing_touches_is_written_and_read_too(tmp_path: Path) -> None:

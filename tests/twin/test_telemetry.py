@@ -90,8 +90,8 @@ def test_a_push_is_a_row_with_its_body_point_and_force(body: str, turning: bool)
     np.testing.assert_allclose(contact["contact_point"], X[:, :3, :3] @ push.point + X[:, :3, 3], atol=1e-12)
     expected = X[:, :3, :3] @ peak[:3] if turning else np.tile(peak[:3], (25, 1))
     np.testing.assert_allclose(contact["contact_force"], expected, atol=1e-12)
-    # The truth knows it as the engine applied it, which takes body and lever from where they were a step before: the arm
-    # gives way with up to 30 mm/s, 0.06 mm in 2 ms, under 13 N.
+    # The truth knows it as the engine applied it, with the lever of the step before: the arm gives way with up to
+    # 30 mm/s, 0.06 mm in 2 ms, under 13 N.
     J = kinematics.point_jacobian(run.setup.plant, robot["truth_q"][at], min(link, 6), push.point)
     tau = (np.swapaxes(J, 1, 2)[:, :, :3] @ expected[:, :, None])[:, :, 0]
     np.testing.assert_allclose(robot["truth_tau_ext"][at], tau, atol=1e-3)

@@ -94,9 +94,9 @@ def acceleration(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> np.nd
 
 def motion(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """``twist`` and ``acceleration`` (..., 6) together, in one pass."""
-    rows, lead = joint_rows(q, qd, qdd)
-    velocity, rate = np.empty_like(rows[0]), np.empty_like(rows[0])
-    kernels.motion_rows(pack_dh(arm), *rows, velocity, rate)
+    (q_rows, qd_rows, qdd_rows), lead = joint_rows(q, qd, qdd)
+    velocity, rate = np.empty_like(q_rows), np.empty_like(q_rows)
+    kernels.motion_rows(pack_dh(arm), q_rows, qd_rows, qdd_rows, velocity, rate)
     return velocity.reshape(*lead, 6), rate.reshape(*lead, 6)
 
 

@@ -3,7 +3,8 @@
     tau = M(q) a + C(q, qd) qd + g(q),   a = A qdd_d - K0 e - K1 e' - KI int(e) dt,   e = q - q_d + T qd_d
 
 Shapes: q, qd, kappa, integral (6,); a target is (3, 6): q_d, qd_d, qdd_d. ``packed`` is ``Dynamics.packed`` of the
-model that the controller linearises with. The thesis' law has no integral and no lag: KI and T are zero and A is one for its gains.
+model that the controller linearises with. The thesis' law has no integral and no lag: KI and T are zero and A
+is one for its gains.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ def _untouched(ft: Table) -> np.ndarray:
 
 def _figures(table: Table, name: str, still: np.ndarray, moving: np.ndarray) -> Figures:
     values = table[name]
-    known = np.isfinite(values).all(axis=1)
+    known = np.asarray(np.isfinite(values).all(axis=1))
     rough = values - savgol_filter(np.where(known[:, None], values, 0.0), _WINDOW[table.device], 2, axis=0)
     width = values.shape[1]
     rests = still & known
@@ -162,9 +162,9 @@ def rows(measured: Sequence[Noise], simulated: Sequence[Noise]) -> list[tuple[st
         ("imu_gyro", "mrad/s", 1e3),
     ):
         for what in ("step", "still", "moving"):
-            pair = [_median(noises, name, what) for noises in (measured, simulated)]
-            if all(values is not None for values in pair):
-                table.append((name, what, unit, *([v * scale for v in values] for values in pair)))
+            real, twin = _median(measured, name, what), _median(simulated, name, what)
+            if real is not None and twin is not None:
+                table.append((name, what, unit, [v * scale for v in real], [v * scale for v in twin]))
     return table
 
 

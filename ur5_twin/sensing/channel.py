@@ -69,7 +69,7 @@ class Line:
         return self._time[-1] + self._channel.delay if len(self._time) else -np.inf
 
     def covers(self, time: np.ndarray) -> np.ndarray:
-        """(n,) whether samples can be taken at times (n,) s, exactly: no sample lies beyond the last row it has seen."""
+        """(n,) whether samples can be taken at times (n,) s: whether they lie at or before the last row it has seen."""
         last = self._time[-1] if len(self._time) else -np.inf
         return time - self._channel.delay <= last
 
@@ -115,7 +115,7 @@ class Line:
                 return time[:0], values[:0]
             rate = 1.0 / (time[1] - time[0])
             assert self._channel.bandwidth is not None
-            self._filter = butter(2, min(self._channel.bandwidth, 0.49 * rate), fs=rate, output="sos")
+            self._filter = np.asarray(butter(2, min(self._channel.bandwidth, 0.49 * rate), fs=rate, output="sos"))
             # It has seen the first value for ever.
             self._memory = sosfilt_zi(self._filter)[:, :, None] * values[0]
         smooth, self._memory = sosfilt(self._filter, values, axis=0, zi=self._memory)

@@ -83,7 +83,7 @@ class Measuring:
         columns["actual_tool_accelerometer"] = np.zeros((len(time), 3))
         columns["time"] = time
         if self._suite.late_packages:
-            moving = (np.abs(qd) > _MOVING).any(axis=1)
+            moving = np.any(np.abs(qd) > _MOVING, axis=1)
             columns["timestamp"] = time[:, None]
             columns["time"] = self._arrivals.of(tick, time, moving)
         return columns

@@ -1,7 +1,7 @@
 """What a motor's current does while the joint moves, beyond what friction and ripple of the simulated gears explain.
 
-The lab's currents have more in them in motion than at rest, at all frequencies, a little more at low ones. It comes from
-gears and motors and so belongs to the motion, not to the sensor; as nobody can predict it yet, it is added to the
+The lab's currents have more in them in motion than at rest, at all frequencies, a little more at low ones. It comes
+from gears and motors and so belongs to the motion, not to the sensor; as nobody can predict it yet, it is added to the
 current that is reported: an autoregressive noise of first order that stops with the joint.
 """
 

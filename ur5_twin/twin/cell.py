@@ -45,9 +45,14 @@ class Push(Protocol):
         turning: given in the body's axes, and turning with it; otherwise in the base's.
     """
 
-    body: str
-    point: np.ndarray
-    turning: bool
+    @property
+    def body(self) -> str: ...
+
+    @property
+    def point(self) -> np.ndarray: ...
+
+    @property
+    def turning(self) -> bool: ...
 
     def acts_within(self, start: float, end: float) -> bool:
         """False if it is nothing throughout, from ``start`` to ``end``, s."""

@@ -120,7 +120,14 @@ class ClosedLoop:
         self._has_drives = drives is not None
         self._controller, self._plant = Dynamics(controller), Dynamics(plant)
         self._ripple = NO_RIPPLE if drives is None else drives.ripple
-        self._state = kernel.State(*(np.zeros(6) for _ in range(5)), np.zeros((2, 6)))
+        self._state = kernel.State(
+            qd=np.zeros(6),
+            integral=np.zeros(6),
+            deflection=np.zeros(6),
+            link_torque=np.zeros(6),
+            residual=np.zeros(6),
+            largest_step=np.zeros((2, 6)),
+        )
         names = {name: i for i, name in enumerate(mjcf.BODY_NAMES, start=1)} | {"tool": 7, "payload": 7}
         self.body_link = np.array([names.get(self.model.body(i).name, 0) for i in range(self.model.nbody)])
         self._flange = self.body(mjcf.BODY_NAMES[-1])

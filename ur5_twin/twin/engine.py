@@ -143,7 +143,8 @@ def _struct(name: str) -> Any:
     """A ctypes struct with the layout of one of MuJoCo's, by MuJoCo's description."""
     if name not in _KNOWN:
         fields = []
-        for field in structs.STRUCTS[name].fields:
+        described: Any = structs.STRUCTS[name]
+        for field in described.fields:
             fields.append((field.name, _ctype(field.type)))
             if (name, field.name) == _LAST_NEEDED:
                 break
@@ -172,7 +173,8 @@ def _read_pointer(address: int) -> int:
 
 def _view(address: int, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
     count = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    return np.frombuffer((ctypes.c_ubyte * count).from_address(address), dtype=dtype).reshape(shape)
+    memory: Any = (ctypes.c_ubyte * count).from_address(address)
+    return np.frombuffer(memory, dtype=dtype).reshape(shape)
 
 
 #: No arm touches its cell in as many points.

@@ -43,8 +43,8 @@ class CellEnvironment(dm_env.Environment):
         truth: whether the observations hold ``truth_*`` columns, which no robot publishes.
 
     Observations hold RTDE's columns of the robot (6,), the newest reading of each sensor that the arm carries (NaN
-    before its first), and ``time`` () in s. An episode ends after its duration, or, with a discount of 0, with a protective stop or when the
-    simulation cannot go on; ``why`` then says why.
+    before its first), and ``time`` () in s. An episode ends after its duration, or, with a discount of 0, with a
+    protective stop or when the simulation cannot go on; ``why`` then says why.
     """
 
     def __init__(

@@ -52,7 +52,7 @@ class ScenarioRun:
 
     def __len__(self) -> int:
         """Ticks of the whole run, if nothing ends it before."""
-        return len(self._rows)
+        return len(self._rows) - 1
 
     @property
     def over(self) -> bool:
@@ -62,10 +62,8 @@ class ScenarioRun:
     def advance(self) -> None:
         """Go on by some seconds of the robot's time."""
         first = self.cell.tick
-        # Tick k goes from row k to row k + 1; after the last row the arm holds it.
-        rows = self._rows[first + 1 : min(first + 1 + _CHUNK, self._end() + 1)]
-        if len(rows) < min(_CHUNK, self._end() - first):
-            rows = np.concatenate([rows, self._rows[-1:]])
+        # Tick k goes from row k to row k + 1.
+        rows = self._rows[first + 1 : min(first + _CHUNK, self._end()) + 1]
         for piece in self.cell.advance(rows, to_stop=True):
             self._telemetry.observe(piece)
             if self._kept is not None:
@@ -89,7 +87,7 @@ class ScenarioRun:
         return concatenate(self._kept)
 
     def _lasting(self, rows: np.ndarray) -> np.ndarray:
-        """The planned rows, held as long as the scenario lasts, or cut there."""
+        """The planned rows, held as long as the scenario lasts or cut there, and the row that the last tick goes to."""
         scenario = self.scenario
         seconds = scenario.duration
         if seconds is None:
@@ -97,9 +95,9 @@ class ScenarioRun:
             seconds = max(planned, scenario.last_event()) + scenario.settle
         ticks = max(2, round(seconds / PERIOD))
         still = np.stack([rows[-1, 0], np.zeros(6), np.zeros(6)])
-        return np.concatenate([rows[:ticks], np.tile(still, (max(0, ticks - len(rows)), 1, 1))])
+        return np.concatenate([rows[: ticks + 1], np.tile(still, (max(0, ticks + 1 - len(rows)), 1, 1))])
 
     def _end(self) -> int:
         if self.cell.stop_tick is None:
-            return len(self._rows)
-        return min(len(self._rows), self.cell.stop_tick + round(_AFTER_STOP / PERIOD))
+            return len(self)
+        return min(len(self), self.cell.stop_tick + round(_AFTER_STOP / PERIOD))

@@ -89,7 +89,7 @@ def _drives(scenario: Scenario) -> JointDrives:
     )
 
 
-class _LoggedPush(Push):
+class _LoggedPush:
     """The wrench that a real log's force sensor measured, on the arm again from a time on."""
 
     def __init__(self, push: LogPush, plant: ArmModel) -> None:
