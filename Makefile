@@ -12,11 +12,13 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $@
 
-demo: $(VENV)/.installed ## replay the log that ships and say where to look
+demo: $(VENV)/.installed ## replay the log that ships, run a contact scenario, and say where to look
 	$(BIN)/ur5-twin replay replay/demo --out $(DEMO_OUT) --rerun
+	$(BIN)/ur5-twin run press_plate --out out/press_plate --rerun
 	@echo
-	@echo "Look at:  $(DEMO_OUT)/report.md  and  $(DEMO_OUT)/figures/"
-	@echo "Move it:  $(BIN)/rerun $(DEMO_OUT)/twin.rrd"
+	@echo "Look at:  $(DEMO_OUT)/report.md  and  out/press_plate/report.md, each with figures/ beside it"
+	@echo "Move it:  $(BIN)/rerun $(DEMO_OUT)/twin.rrd   or   $(BIN)/rerun out/press_plate/twin.rrd"
+	@echo "More:     $(BIN)/ur5-twin run --list"
 	@echo "The log in replay/demo was recorded by the twin itself. Real logs of a UR5: $(BIN)/ur5-twin fetch kufieta2014"
 
 test: $(VENV)/.installed ## the whole test suite

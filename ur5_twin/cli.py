@@ -183,8 +183,8 @@ def replay(
     joints: Annotated[
         str | None,
         typer.Option(
-            help="Motors, gears and friction of the simulated arm: 'plant', a TOML, or 'none' for motors that give what "
-            "the controller asks for. Default: none; with --wrench measured, plant."
+            help="Motors, gears and friction of the simulated arm: 'plant', a TOML, or 'none' for motors that give "
+            "what the controller asks for. Default: none; with --wrench measured, plant."
         ),
     ] = None,
     wrench: Annotated[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.program import plan
 from ur5_twin.control.trajectory import rest
 from ur5_twin.errors import ScenarioError, SimulationError
-from ur5_twin.scenario import Push, Scenario, load_scenario
+from ur5_twin.recording import read
+from ur5_twin.recording.force_sensor import sensor_bias
+from ur5_twin.resources import data_dir
+from ur5_twin.scenario import LogPush, Push, Scenario, load_scenario
 from ur5_twin.scenario.program import program_of
 from ur5_twin.twin import _loop_kernel as kernel
 from ur5_twin.twin.cell import PERIOD, Cell, Payload, Setup, concatenate
@@ -234,3 +238,32 @@ def test_mismatch_reaches_the_plant_and_not_the_controller() -> None:
     np.testing.assert_array_equal(
         [link.mass for link in setup.controller.links], [link.mass for link in plain.controller.links]
     )
+
+
+def test_a_plant_brings_its_own_joints(tmp_path: Path) -> None:
+    """A model file that names its motors and gears is simulated with them."""
+    joints = (data_dir("models") / "ur5_joints.toml").read_text(encoding="utf-8")
+    constants = "torque_constant_nm_a = [9.26, 10.98, 10.23, 7.17, 7.11, 9.19]"
+    assert constants in joints
+    (tmp_path / "mine.toml").write_text(joints.replace(constants, "torque_constant_nm_a = [8, 8, 8, 8, 8, 8]"))
+    plant = (data_dir("models") / "ur5_plant.toml").read_text(encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(plant.replace("ur5_joints.toml", "mine.toml"))
+    scenario = load_scenario("push_x")
+    setup = setup_of(replace(scenario, arm=replace(scenario.arm, plant=tmp_path / "arm.toml")))
+    np.testing.assert_array_equal(setup.drives.torque_constant, np.full(6, 8.0))
+
+
+def test_a_log_s_push_comes_again(lab_logs: Path) -> None:
+    """The force that the lab's sensor read, put on the twin's arm in the same posture, is the truth's wrench there."""
+    log = lab_logs / "Movement_No10_Standstill_ForceSensor_Fx"
+    recording = read(log, repair=True)
+    scenario = load_scenario("push_x")
+    push = LogPush(body="wrist_3_link", point=np.zeros(3), at=0.5, path=log, first=8.0, last=13.0, scale=1.0)
+    setup = setup_of(replace(scenario, pushes=(push,), q_start=recording.robot["actual_q"][0]))
+    _, trace = standing(setup, 6.0)
+    # At 9.6 s of the log, 2.1 s of the run, somebody pushes with some 60 N.
+    assert np.linalg.norm(trace.wrench[:, :3], axis=1).max() > 55.0
+    assert np.abs(trace.wrench[trace.time < 0.49]).max() == 0.0
+    sizes = np.linalg.norm(recording.tables["ft"]["ft_wrench"][:, :3] - sensor_bias(recording)[:3], axis=1)
+    during = (recording.tables["ft"].time > 8.0) & (recording.tables["ft"].time < 13.0)
+    assert np.linalg.norm(trace.wrench[:, :3], axis=1).max() == pytest.approx(sizes[during].max(), rel=0.03)

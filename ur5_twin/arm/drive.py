@@ -9,6 +9,7 @@ import numpy as np
 
 from ur5_twin.arm import files
 from ur5_twin.arm.friction import Friction
+from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.errors import ModelError
 
 
@@ -137,6 +138,11 @@ def load_drive(name: str | Path = "thesis") -> LinearDrive:
         viscous=np.array(spec.viscous_nm_s_rad),
         dead_zone=spec.dead_zone_rad_s,
     )
+
+
+def drives_of(model: ArmModel) -> JointDrives:
+    """The motors and gears of an arm model, the plant's where its file names none."""
+    return load_joint_drives() if model.joints is None else load_joint_drives(model.joints)
 
 
 def load_joint_drives(name: str | Path = "plant") -> JointDrives:

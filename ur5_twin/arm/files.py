@@ -103,6 +103,7 @@ class ModelFile(Strict, frozen=True):
     inertia: InertiaSpec | None = None
     links: tuple[LinkSpec, ...] = ()
     links_from: str | None = None
+    joints_from: str | None = None
     changes: tuple[LinkChange, ...] = ()
     provenance: dict[str, Any] | None = None
 

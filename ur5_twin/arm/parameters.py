@@ -174,6 +174,7 @@ class ArmModel:
         gravity: m/s^2, along -z of the base frame.
         rotor_inertia: (6,) rotor inertia reflected through the gear, kg m^2, added to the diagonal of M.
         tool: what is bolted to the flange, None if nothing; its mass is part of the model's dynamics.
+        joints: file with its motors and gears (``arm.drive.load_joint_drives``), None for a model without.
     """
 
     name: str
@@ -187,6 +188,7 @@ class ArmModel:
     rotor_inertia: np.ndarray
     rotor_source: str
     tool: Tool | None = field(default=None)
+    joints: Path | None = field(default=None)
 
     def with_tool(self, tool: Tool | None) -> ArmModel:
         """The same arm with another tool at its flange."""
@@ -234,11 +236,7 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
     if spec.links_from is not None:
         if spec.links:
             raise ModelError(f"{path.name}: give either 'links' or 'links_from', not both")
-        # A user's file may build on one of ours.
-        beside = path.parent / spec.links_from
-        shipped = files.model_path(spec.links_from)
-        origin = shipped if shipped.exists() and not beside.exists() else beside
-        link_specs = files.read(origin, files.ModelFile).links
+        link_specs = files.read(_beside_or_shipped(path, spec.links_from), files.ModelFile).links
     if len(link_specs) != N_JOINTS:
         raise ModelError(f"{path.name}: {len(link_specs)} links, a UR5 has {N_JOINTS}")
     point = spec.inertia is not None and spec.inertia.kind == "point"
@@ -270,8 +268,15 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
         gravity_source=spec.gravity.source,
         rotor_inertia=np.array(spec.rotors.inertia_kg_m2),
         rotor_source=spec.rotors.source,
+        joints=None if spec.joints_from is None else _beside_or_shipped(path, spec.joints_from),
     )
     return model.with_tool(load_tool(tool))
+
+
+def _beside_or_shipped(path: Path, name: str) -> Path:
+    """A file that another one names: beside it, or one of ours, on which a user's file may build."""
+    beside, shipped = path.parent / name, files.model_path(name)
+    return shipped if shipped.exists() and not beside.exists() else beside
 
 
 def tool_names() -> tuple[str, ...]:

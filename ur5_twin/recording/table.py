@@ -130,7 +130,8 @@ class Recording:
         accelerations, rates and fields, no poses). A device's time is shifted by the offset of the host's stamps,
         ``host_start - robot.host_start``; where one of the two is unknown the clocks are taken to start together, as
         the reader's notes say. Of a stamp that a device repeats the last value counts. Outside a device's range its
-        columns are NaN. A column that the robot has too is the robot's.
+        columns are NaN. A column that the robot has too is the robot's. The list of a
+        simulated cell's contacts is no signal and stays out.
 
         Returns:
             A table ``robot`` with the robot's clock and the columns of all devices.
@@ -138,7 +139,7 @@ class Recording:
         robot = self.robot
         columns = dict(robot.columns)
         for device, table in self.tables.items():
-            if device == "robot":
+            if device in ("robot", "contact"):
                 continue
             offset = self.offset(device) or 0.0
             last = np.append(np.diff(table.time) > 0, True)[: len(table)]

@@ -62,7 +62,7 @@ class Push:
 
 @dataclass(frozen=True)
 class LogPush:
-    """The wrench that a real log's force sensor felt, put on the arm again: negated, tared and mapped to the flange.
+    """The wrench that a real log's force sensor felt, put on the arm again: tared and moved to the flange.
 
     Attributes:
         body, point: as of ``Push``; the wrench is about this point.

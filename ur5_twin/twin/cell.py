@@ -254,6 +254,9 @@ class Cell:
             viscous_scale=self._warmth(n),
         )
         kept = ending.ticks
+        # From whole numbers, so that the times do not depend on how a run is cut.
+        time = (self.tick * self._steps + np.arange(len(trace.time))) * SUBSTEP
+        trace = trace._replace(time=time)
         was_stopped = np.full(kept, self.stop_reason is not None)
         piece = Piece(self.tick, through[:kept], trace, self._steps, self._controller, self._payload, was_stopped)
         self.tick += kept

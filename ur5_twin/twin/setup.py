@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ur5_twin.arm import inertia, kinematics
-from ur5_twin.arm.drive import JointDrives, load_joint_drives
+from ur5_twin.arm.drive import JointDrives, drives_of
 from ur5_twin.arm.parameters import ArmModel, Tool
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
@@ -15,7 +15,7 @@ from ur5_twin.errors import ScenarioError
 from ur5_twin.recording import force_sensor, read
 from ur5_twin.scenario.pushes import LogPush
 from ur5_twin.scenario.scenario import Scenario
-from ur5_twin.twin.cell import Payload, Push, Setup
+from ur5_twin.twin.cell import Payload, Setup
 from ur5_twin.twin.closed_loop import Limits
 
 
@@ -36,7 +36,7 @@ def setup_of(scenario: Scenario) -> Setup:
         plant=plant,
         gains=load_gains(scenario.arm.gains),
         law=load_target_current_law(),
-        drives=_drives(scenario),
+        drives=_drives(scenario, plant),
         limits=Limits(scenario.limits.deviation, scenario.limits.speed, scenario.limits.force),
         q_start=scenario.q_start,
         obstacles=scenario.obstacles,
@@ -74,8 +74,8 @@ def carrying(model: ArmModel, mass: float, center: np.ndarray, tensor: np.ndarra
     return model.with_tool(tool)
 
 
-def _drives(scenario: Scenario) -> JointDrives:
-    known, mismatch, warmth = load_joint_drives(), scenario.mismatch, scenario.temperature
+def _drives(scenario: Scenario, plant: ArmModel) -> JointDrives:
+    known, mismatch, warmth = drives_of(plant), scenario.mismatch, scenario.temperature
     friction = known.friction.scaled(mismatch.friction_scale)
     if warmth.cold is not None:
         friction = replace(friction, cold=warmth.cold)
