@@ -90,8 +90,8 @@ class _Loader:
             sensors=Sensors(spec.sensors.preset, spec.sensors.late_packages),
             limits=StopLimits(
                 force=_or_infinite(spec.limits.force_n),
-                deviation=_or_infinite(spec.limits.deviation_rad),
-                speed=_or_infinite(spec.limits.speed_factor),
+                deviation=spec.limits.deviation_rad,
+                speed=spec.limits.speed_factor,
             ),
         )
 
