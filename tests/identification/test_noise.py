@@ -48,7 +48,8 @@ def test_clocks_are_measured() -> None:
     ft = Table("ft", np.arange(4000) / 207.76, {"ft_wrench": values * 1e-3}, 0.0)
     clock = measure(made().with_table(ft)).clocks["ft"]
     assert clock.rate == pytest.approx(207.76)
-    assert clock.repeated == pytest.approx(0.1, abs=0.02)
+    # One in ten, less those whose predecessor changes too: 0.09 of 1,900 rows, known to 0.0066; four times that.
+    assert clock.repeated == pytest.approx(0.09, abs=0.026)
     assert clock.jitter < 1e-9
 
 

@@ -79,7 +79,7 @@ def test_units_and_host_times(lab_logs: Path) -> None:
     # The file's first row begins "6, -0.00221844, -9.86922": ms, m/s^2.
     assert imu.time[0] == 0.006
     np.testing.assert_array_equal(imu["imu_acc"][0], [-0.00221844, -9.86922, -0.0514393])
-    np.testing.assert_array_equal(imu["imu_mag"][0], [-0.0309354, 0.0291538, 0.0259847])
+    np.testing.assert_array_equal(imu["imu_gyro"][0], [-0.0309354, 0.0291538, 0.0259847])
     assert imu.host_start is None
 
 

@@ -220,6 +220,6 @@ def test_its_recording_holds_what_was_observed_and_all_that_sensors_read() -> No
     assert len(recording.robot) == 100
     for name in ("actual_q", "actual_current", "truth_q", "target_current"):
         np.testing.assert_array_equal(recording.robot[name], np.stack([one[name] for one in seen]))
-    # 207.76 rows a second and the 75 ms that the sensor is late, which it knows before.
-    assert len(recording.tables["ft"]) == pytest.approx(207.76 * (0.8 + 0.07), abs=2)
+    # 207.66 rows a second, the 75 ms that the sensor is late, which it knows before, and 4 ms that it begins before.
+    assert len(recording.tables["ft"]) == pytest.approx(207.66 * (0.8 + 0.079), abs=2)
     np.testing.assert_array_equal(recording.tables["ft"]["ft_wrench"][-1], seen[-1]["ft_wrench"])

@@ -1,7 +1,9 @@
 """The noise of the devices: measured from logs, beside what the simulated devices make of the same motion.
 
 A signal's noise is what is left of it beside a smooth curve (a parabola through a tenth of a second, Savitzky and Golay
-1964), at standstill and in motion apart; its steps are the smallest that occur; a device's clock is its stamps'.
+1964), at standstill and in motion apart. At standstill the level is the median over pieces of half a second: a servo
+that hunts or a joint that slips is no noise of a sensor. A step is what the differences of consecutive rows are whole
+multiples of. A device's clock is its stamps'.
 """
 
 from __future__ import annotations
@@ -26,6 +28,12 @@ _AROUND = 40
 _TOUCHED = 0.1
 #: Fewer rows tell nothing.
 _ENOUGH = 100
+#: Rows of a piece of standstill.
+_PIECE = 64
+#: Differences are multiples of a step if their phases agree as much; as many are tried.
+_IN_STEP, _DIFFERENCES = 0.7, 400
+#: No step is looked for below two digits of a log.
+_DIGIT = 2e-6
 _SIGNALS = {
     "robot": ("actual_q", "actual_qd", "actual_current"),
     "ft": ("ft_wrench",),
@@ -38,7 +46,7 @@ class Figures:
     """What is known of one signal's noise, each (width,); NaN where the log does not tell.
 
     Attributes:
-        step: smallest difference of two values.
+        step: what differences of consecutive rows are multiples of; NaN for a signal without steps.
         still, moving: standard deviation beside a smooth curve.
         kurtosis: of that at standstill; 0 for a normal distribution.
         frequency: (n,) Hz.
@@ -56,11 +64,12 @@ class Figures:
 
 @dataclass(frozen=True)
 class ClockFigures:
-    """What is known of a device's clock: rows a second, spread of the interval in s, share of repeated rows."""
+    """What is known of a device's clock: rows a second, spread of the interval in s, share of rows at rest that repeat
+    the one before; None if there is too little rest."""
 
     rate: float
     jitter: float
-    repeated: float
+    repeated: float | None
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ def measure(recording: Recording) -> Noise:
         for name in names:
             if name in table:
                 signals[name] = _figures(table, name, rests, np.broadcast_to(moves, table[name].shape))
-        clocks[device] = _clock(table, names[0])
+        clocks[device] = _clock(table, names[0], rests)
     return Noise(recording.source, signals, clocks)
 
 
@@ -118,7 +127,7 @@ def _untouched(ft: Table) -> np.ndarray:
 
 def _figures(table: Table, name: str, still: np.ndarray, moving: np.ndarray) -> Figures:
     values = table[name]
-    known = np.asarray(np.isfinite(values).all(axis=1))
+    known = np.all(np.isfinite(values), axis=1)
     rough = values - savgol_filter(np.where(known[:, None], values, 0.0), _WINDOW[table.device], 2, axis=0)
     width = values.shape[1]
     rests = still & known
@@ -127,27 +136,49 @@ def _figures(table: Table, name: str, still: np.ndarray, moving: np.ndarray) -> 
     frequency = np.fft.rfftfreq(128, 1.0 / rate)
     spectra = {key: np.full((len(frequency), width), np.nan) for key in ("still", "moving")}
     for axis in range(width):
-        found["step"][axis] = _smallest_step(values[known, axis])
+        found["step"][axis] = _step(values[known, axis])
         for key, rows in (("still", rests), ("moving", moving[:, axis] & known)):
             if rows.sum() >= _ENOUGH:
-                found[key][axis] = rough[rows, axis].std()
+                found[key][axis] = _usual(rough[:, axis], rows) if key == "still" else rough[rows, axis].std()
                 spectra[key][:, axis] = welch(rough[rows, axis], rate, nperseg=128)[1] if rows.sum() >= 128 else np.nan
         if rests.sum() >= _ENOUGH and found["still"][axis] > 0:
             found["kurtosis"][axis] = kurtosis(rough[rests, axis])
     return Figures(**found, frequency=frequency, spectrum_still=spectra["still"], spectrum_moving=spectra["moving"])
 
 
-def _smallest_step(values: np.ndarray) -> float:
-    """The smallest step between values that occur, but for a few; NaN for a constant signal."""
-    steps = np.diff(np.unique(np.round(values, 7)))
-    steps = steps[steps > 2e-6] if (steps > 2e-6).any() else steps
-    return float(np.percentile(steps, 1)) if len(steps) else np.nan
+def _usual(rough: np.ndarray, rows: np.ndarray) -> float:
+    """Median over pieces of the standard deviation within a piece."""
+    at = np.flatnonzero(rows)
+    pieces = np.array_split(at, max(1, len(at) // _PIECE))
+    return float(np.median([rough[piece].std() for piece in pieces]))
 
 
-def _clock(table: Table, name: str) -> ClockFigures:
+def _step(values: np.ndarray) -> float:
+    """The step of a converter; NaN for a signal that has none, or whose step cannot be told from a log's digits."""
+    differences = np.abs(np.diff(values))
+    differences = np.sort(differences[differences > _DIGIT])
+    if len(differences) < _ENOUGH // 10:
+        return np.nan
+    least = np.percentile(differences[:_DIFFERENCES], 5)
+    # Far multiples would need a finer search; single ones fit anything.
+    near = differences[differences < 20.0 * least]
+    near = near[:: len(near) // _DIFFERENCES + 1]
+    steps = 1.0 / np.linspace(1.0 / (1.3 * least), 1.0 / (0.4 * least), 4000)
+    fit = np.abs(np.exp(2j * np.pi * near / steps[:, None]).mean(axis=1))
+    good = np.flatnonzero(fit > _IN_STEP)
+    if not len(good) or len(good) == len(fit):
+        return np.nan
+    # The largest that fits counts: half of it fits as well.
+    end = np.flatnonzero(np.diff(good, append=good[-1] + 2) > 1)[0]
+    peak = good[: end + 1]
+    return float(steps[peak[np.argmax(fit[peak])]])
+
+
+def _clock(table: Table, name: str, rests: np.ndarray) -> ClockFigures:
     interval = np.diff(table.time)
-    repeated = (np.diff(table[name], axis=0) == 0).all(axis=1)
-    return ClockFigures(1.0 / float(interval.mean()), float(interval.std()), float(repeated.mean()))
+    repeated = np.all(np.diff(table[name], axis=0) == 0, axis=1)[rests[1:]]
+    share = float(repeated.mean()) if len(repeated) >= _ENOUGH else None
+    return ClockFigures(1.0 / float(interval.mean()), float(interval.std()), share)
 
 
 def rows(measured: Sequence[Noise], simulated: Sequence[Noise]) -> list[tuple[str, str, str, list[float], list[float]]]:
@@ -161,8 +192,9 @@ def rows(measured: Sequence[Noise], simulated: Sequence[Noise]) -> list[tuple[st
         ("imu_acc", "mm/s^2", 1e3),
         ("imu_gyro", "mrad/s", 1e3),
     ):
-        for what in ("step", "still", "moving"):
-            real, twin = _median(measured, name, what), _median(simulated, name, what)
+        # A force sensor's steps are its gauges' (``identification.gauges``); the IMU's calibration hides its own.
+        for what in ("step", "still", "moving") if name.startswith("actual") else ("still", "moving"):
+            real, twin = (_median(noises, name, what) for noises in (measured, simulated))
             if real is not None and twin is not None:
                 table.append((name, what, unit, [v * scale for v in real], [v * scale for v in twin]))
     return table

@@ -12,7 +12,8 @@ FT_FILE = "log_force_sensor.csv"
 FT_START_TIME = "log_force_sensor_start_time.csv"
 IMU_FILE = "acc_data.csv"
 IMU_START_TIME = "acc_start_time.csv"
-IMU_COLUMNS = ("imu_acc", "imu_gyro", "imu_mag")
+#: Whatever is written about these files: the last three columns turn with the joints, the middle ones with the field.
+IMU_COLUMNS = ("imu_acc", "imu_mag", "imu_gyro")
 #: What the force sensor's file holds where no values came.
 NO_VALUES = "no values recorded"
 

@@ -1,9 +1,13 @@
 """One measured quantity on its way from the truth to a number in a log.
 
 In this order: the sensor's bandwidth (a low-pass of second order, Butterworth), its delay, a sample at the device's
-time, bias and drift, noise, saturation, and the steps of its converter. A signal goes through in pieces of any length,
-and comes out the same, bit for bit, however it was cut: filters, the last rows, and each random stream go on where they
-were.
+time, bias and drift, slow noise, white noise, saturation, and the steps of its converter. A signal goes through in
+pieces of any length, and comes out the same, bit for bit, however it was cut: filters, the last rows, and each random
+stream go on where they were.
+
+A force sensor has no steps along its axes: its gauges have. With ``gauges`` white noise and rounding happen in their
+counts, and what comes out is a whole number of counts of each gauge, mapped to the axes. So a quiet sensor repeats
+itself.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
 
 @dataclass(frozen=True)
@@ -23,18 +27,24 @@ class Channel:
         bandwidth: Hz at which the low-pass lets 1/sqrt(2) through.
         bias: added.
         drift: standard deviation of the bias' random walk after one second.
-        noise: standard deviation of white noise from sample to sample.
+        slow_noise: standard deviation of noise with a memory.
+        slow_pole: of that from sample to sample, x_k = pole x_k-1 + w_k.
+        noise: standard deviation of white noise from sample to sample; in counts where there are gauges.
         full_scale: what is beyond it, in either sign, is cut.
         step: of the converter.
+        gauges: (width, width) a column a gauge: what a count of it adds to each axis. They have no ``step``.
     """
 
     delay: float = 0.0
     bandwidth: float | None = None
     bias: np.ndarray | None = None
     drift: np.ndarray | None = None
+    slow_noise: np.ndarray | None = None
+    slow_pole: float = 0.0
     noise: np.ndarray | None = None
     full_scale: np.ndarray | None = None
     step: np.ndarray | None = None
+    gauges: np.ndarray | None = None
 
 
 class Line:
@@ -48,13 +58,16 @@ class Line:
 
     def __init__(self, channel: Channel, width: int, rng: np.random.Generator) -> None:
         self._channel = channel
-        self._noise, self._walk = rng.spawn(2)
+        self._noise, self._walk, self._slow = rng.spawn(3)
         self._filter: np.ndarray | None = None
         self._memory: np.ndarray | None = None
         self._time = self._held_time = np.empty(0)
         self._values = self._held_values = np.empty((0, width))
         self._drift = np.zeros(width)
         self._last_sample: float | None = None
+        # As it is after a long time: the noise does not have to swell first.
+        self._slow_memory = channel.slow_pole * self._slow.standard_normal((1, width))
+        self._counts = None if channel.gauges is None else np.linalg.inv(channel.gauges)
 
     def see(self, time: np.ndarray, values: np.ndarray) -> None:
         """Take in the next piece of the truth: times (n,) s, evenly spaced, and values (n, width)."""
@@ -97,14 +110,29 @@ class Line:
             walk = np.cumsum(walk, axis=0)
             self._drift, self._last_sample = walk[-1].copy(), float(time[-1])
             values = values + walk
-        if channel.noise is not None:
-            values = values + channel.noise * self._noise.standard_normal(values.shape)
+        if channel.slow_noise is not None:
+            values = values + channel.slow_noise * self._slow_noise(values.shape)
+        white = 0.0 if channel.noise is None else channel.noise * self._noise.standard_normal(values.shape)
+        if self._counts is not None and channel.gauges is not None:
+            if channel.full_scale is not None:
+                values = np.clip(values, -channel.full_scale, channel.full_scale)
+            return _mapped(channel.gauges, np.round(_mapped(self._counts, values) + white))
+        values = values + white
         if channel.full_scale is not None:
             values = np.clip(values, -channel.full_scale, channel.full_scale)
         if channel.step is not None:
             step = np.where(channel.step > 0, channel.step, 1.0)
             values = np.where(channel.step > 0, np.round(values / step) * step, values)
         return values
+
+    def _slow_noise(self, shape: tuple[int, ...]) -> np.ndarray:
+        if not shape[0]:
+            # lfilter forgets its memory over no rows.
+            return np.zeros(shape)
+        pole = self._channel.slow_pole
+        white = np.sqrt(1.0 - pole**2) * self._slow.standard_normal(shape)
+        slow, self._slow_memory = lfilter([1.0], [1.0, -pole], white, axis=0, zi=self._slow_memory)
+        return slow
 
     def _smoothed(self, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._filter is None:
@@ -120,3 +148,11 @@ class Line:
             self._memory = sosfilt_zi(self._filter)[:, :, None] * values[0]
         smooth, self._memory = sosfilt(self._filter, values, axis=0, zi=self._memory)
         return time, smooth
+
+
+def _mapped(matrix: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(n, width) matrix times each row, summed in one order: a product of matrices rounds by the number of rows."""
+    mapped = values[:, :1] * matrix[:, 0]
+    for i in range(1, matrix.shape[1]):
+        mapped = mapped + values[:, i : i + 1] * matrix[:, i]
+    return mapped

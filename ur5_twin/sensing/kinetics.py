@@ -66,6 +66,8 @@ def sensed_wrench(motion: FlangeMotion, wrench: np.ndarray, load: Load, p_FS: np
     if load.mass > 0.0:
         force = -load.mass * motion.at(load.center)
         omega, alpha = motion.into_flange(motion.omega), motion.into_flange(motion.alpha)
-        spin = alpha @ load.inertia.T + np.cross(omega, omega @ load.inertia.T)
+        # Row by row: one product of matrices rounds by the number of rows.
+        turning = load.inertia @ np.stack([alpha, omega], axis=2)
+        spin = turning[:, :, 0] + np.cross(omega, turning[:, :, 1])
         in_flange = in_flange + np.concatenate([force, np.cross(load.center, force) - spin], axis=1)
     return spatial.shift_wrench(in_flange, p_FS)

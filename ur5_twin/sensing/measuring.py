@@ -14,6 +14,8 @@ from ur5_twin.sensing.transport import Arrivals
 
 #: Names of the sensors on ``Tool.sensors``.
 FT_SENSOR, IMU_SENSOR = "ati_gamma", "xsens_mti"
+#: Times that a device's clock draws at once.
+_AHEAD = 256
 #: A joint that turns faster than this moves, rad/s.
 _MOVING = 1e-3
 
@@ -58,13 +60,14 @@ class Measuring:
 
     @property
     def host_start(self) -> dict[str, float]:
-        """Host's time at each device's own time 0, s; the robot's is the host's zero."""
-        found = {"robot": 0.0}
+        """Host's time at each device's own time 0, s; the first device's is the host's zero."""
+        offsets = {"robot": 0.0}
         if self._ft is not None:
-            found["ft"] = self._suite.ft_clock.offset
+            offsets["ft"] = self._suite.ft_clock.offset
         if self._imu is not None:
-            found["imu"] = self._suite.imu_clock.offset
-        return found
+            offsets["imu"] = self._suite.imu_clock.offset
+        first = min(offsets.values())
+        return {device: offset - first for device, offset in offsets.items()}
 
     def robot(self, signals: Signals, first_tick: int) -> dict[str, np.ndarray]:
         """The robot's measured columns at the ticks of a piece that begins with tick ``first_tick``.
@@ -113,46 +116,39 @@ class Device:
     Args:
         clock: when it samples.
         lines: column -> its line.
-        rng: of the clock's jitter and repeats.
+        rng: of the clock's jitter.
     """
 
     def __init__(self, clock: Clock, lines: dict[str, Line], rng: np.random.Generator) -> None:
-        self._clock, self._lines = clock, lines
-        self._jitter, self._repeats = rng.spawn(2)
+        self._clock, self._lines, self._jitter = clock, lines, rng
         self._count = 0
-        self._last: dict[str, np.ndarray] = {}
+        self._ahead = np.zeros(1)
 
     def report(self, time: np.ndarray, truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Take in a piece of the truth; the samples that it completes, with ``time`` (n,) s on the device's clock."""
         clock = self._clock
         for name, line in self._lines.items():
             line.see(time, truth[name])
-        # Which samples are due must not depend on their jitter, or pieces of another length would draw it otherwise.
-        most = 0.5 / clock.rate if clock.jitter else 0.0
-        until = min(line.known_until for line in self._lines.values()) - clock.offset - most
-        # One too many at first: rounding must not decide which are due, or a cut elsewhere would decide otherwise.
-        number = np.arange(self._count, int(max(self._count, np.floor(until * clock.rate) + 2)))
-        at = number / clock.rate + most + clock.offset
-        number = number[np.all([line.covers(at) for line in self._lines.values()], axis=0)]
-        self._count += len(number)
-        own = number / clock.rate
-        if clock.jitter:
-            own = own + np.clip(
-                clock.jitter * self._jitter.standard_normal(len(own)), -0.4 / clock.rate, 0.4 / clock.rate
-            )
+        while self._due()[-1]:
+            self._draw()
+        n = int(np.count_nonzero(self._due()))
+        own, self._ahead = self._ahead[:n], self._ahead[n:]
         columns = {name: line.sample(own + clock.offset) for name, line in self._lines.items()}
-        if clock.repeated:
-            self._repeat(columns, self._repeats.random(len(own)) < clock.repeated)
         stamps = np.round(own / clock.stamp_step) * clock.stamp_step if clock.stamp_step else own
         return {"time": stamps, **columns}
 
-    def _repeat(self, columns: dict[str, np.ndarray], again: np.ndarray) -> None:
-        for name, values in columns.items():
-            source = np.maximum.accumulate(np.where(again, -1, np.arange(len(values))))
-            kept = source >= 0
-            before = self._last.get(name)
-            columns[name] = values[np.maximum(source, 0)]
-            if before is not None:
-                columns[name][~kept] = before
-            if len(values):
-                self._last[name] = columns[name][-1].copy()
+    def _due(self) -> np.ndarray:
+        """Which of the times drawn ahead are covered; rounding must not decide, or a cut elsewhere would otherwise."""
+        return np.all([line.covers(self._ahead + self._clock.offset) for line in self._lines.values()], axis=0)
+
+    def _draw(self) -> None:
+        """Draw times further ahead, always as many at once: they must not depend on how the truth is cut."""
+        clock, interval = self._clock, 1.0 / self._clock.rate
+        if clock.jitter:
+            off = np.clip(clock.jitter * self._jitter.standard_normal(_AHEAD), -0.4 * interval, 0.4 * interval)
+            more = self._ahead[-1] + np.cumsum(interval + off)
+        else:
+            # Multiples of the interval, no sums.
+            more = np.arange(self._count + 1, self._count + _AHEAD + 1) / clock.rate
+        self._count += _AHEAD
+        self._ahead = np.concatenate([self._ahead, more])

@@ -41,17 +41,20 @@ class ForceTorqueSpec(Strict, frozen=True):
     delay_ms: NonNegative
     clock_offset_ms: float
     bandwidth_hz: Positive
-    repeated: _Share
     bias: Six
-    noise: SixNonNegative
     drift_per_root_s: SixNonNegative
-    step: SixNonNegative
+    slow_noise: SixNonNegative
+    slow_noise_hz: Positive
     full_scale: SixPositive
+    gauges: tuple[Six, Six, Six, Six, Six, Six]
+    noise_counts: SixNonNegative
 
 
 class AxesSpec(Strict, frozen=True):
     bandwidth_hz: Positive
     noise: NonNegative
+    slow_noise: NonNegative
+    slow_noise_hz: Positive
     bias: Three
     full_scale: Positive
 
@@ -82,17 +85,16 @@ class Clock:
 
     Attributes:
         rate: 1/s.
-        jitter: standard deviation of a sample's time about the even grid, s; cut at 0.4 of a period.
+        jitter: standard deviation of the time from sample to sample, s, each for itself, so that the clock wanders; cut
+            at 0.4 of a period.
         offset: its clock's zero on the robot's clock, s.
         stamp_step: resolution of its time stamps, s; 0 for stamps as exact as a number can be.
-        repeated: share of samples that report the values of the one before.
     """
 
     rate: float
     jitter: float
     offset: float
     stamp_step: float
-    repeated: float
 
 
 @dataclass(frozen=True)
@@ -162,16 +164,18 @@ def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> Se
             delay=ft.delay_ms * 1e-3,
             bandwidth=ft.bandwidth_hz,
             bias=np.array(ft.bias),
-            noise=np.array(ft.noise),
             drift=np.array(ft.drift_per_root_s),
-            step=np.array(ft.step),
+            slow_noise=np.array(ft.slow_noise),
+            slow_pole=_pole(ft.slow_noise_hz, ft.rate_hz),
+            noise=np.array(ft.noise_counts),
             full_scale=np.array(ft.full_scale),
+            gauges=_gauges(ft, key),
         ),
-        ft_clock=Clock(ft.rate_hz, ft.jitter_ms * 1e-3, ft.clock_offset_ms * 1e-3, 0.0, ft.repeated),
+        ft_clock=Clock(ft.rate_hz, ft.jitter_ms * 1e-3, ft.clock_offset_ms * 1e-3, 0.0),
         acceleration=_axes(imu.acceleration, imu),
         rate=_axes(imu.rate, imu),
         field=_axes(imu.field, imu),
-        imu_clock=Clock(imu.rate_hz, 0.0, imu.clock_offset_ms * 1e-3, imu.stamp_step_ms * 1e-3, 0.0),
+        imu_clock=Clock(imu.rate_hz, 0.0, imu.clock_offset_ms * 1e-3, imu.stamp_step_ms * 1e-3),
         earth_field=np.array(imu.earth_field),
         late_packages=late_packages,
         source={
@@ -190,10 +194,24 @@ def _axes(axes: AxesSpec, imu: ImuSpec) -> Channel:
         delay=imu.delay_ms * 1e-3,
         bandwidth=axes.bandwidth_hz,
         bias=np.array(axes.bias),
+        slow_noise=np.full(3, axes.slow_noise),
+        slow_pole=_pole(axes.slow_noise_hz, imu.rate_hz),
         noise=np.full(3, axes.noise),
         step=np.full(3, step),
         full_scale=np.full(3, axes.full_scale),
     )
+
+
+def _pole(bandwidth: float, rate: float) -> float:
+    """Of noise that falls by 3 dB at a bandwidth, first order, sampled at a rate; both in Hz."""
+    return float(np.exp(-2.0 * np.pi * bandwidth / rate))
+
+
+def _gauges(ft: ForceTorqueSpec, name: str) -> np.ndarray:
+    gauges = np.array(ft.gauges)
+    if np.linalg.matrix_rank(gauges) < len(gauges):
+        raise ModelError(f"{name}: the columns of force_torque.gauges cannot tell forces from moments")
+    return gauges
 
 
 def _ideal(spec: SuiteSpec, late_packages: bool) -> SensorSuite:
@@ -206,11 +224,11 @@ def _ideal(spec: SuiteSpec, late_packages: bool) -> SensorSuite:
         current_moving=np.zeros(6),
         current_pole=0.0,
         ft=plain,
-        ft_clock=Clock(spec.force_torque.rate_hz, 0.0, 0.0, 0.0, 0.0),
+        ft_clock=Clock(spec.force_torque.rate_hz, 0.0, 0.0, 0.0),
         acceleration=plain,
         rate=plain,
         field=plain,
-        imu_clock=Clock(spec.imu.rate_hz, 0.0, 0.0, 0.0, 0.0),
+        imu_clock=Clock(spec.imu.rate_hz, 0.0, 0.0, 0.0),
         earth_field=np.array(spec.imu.earth_field),
         late_packages=late_packages,
         source={"encoders": none, "currents": none, "ft": none, "imu": none},

@@ -102,7 +102,13 @@ def _tables(measured: Sequence[Noise], simulated: Sequence[Noise]) -> str:
             body.append((name, what, unit, who, *shown))
     head = ("signal", "noise", "unit", "of", *(str(i) for i in range(1, 7)))
     clocks = [
-        (device, who, f"{clock.rate:.2f}", f"{clock.jitter * 1e3:.3f}", f"{clock.repeated:.3f}")
+        (
+            device,
+            who,
+            f"{clock.rate:.2f}",
+            f"{clock.jitter * 1e3:.3f}",
+            "-" if clock.repeated is None else f"{clock.repeated:.3f}",
+        )
         for device in ("robot", "ft", "imu")
         for who, noises in (("lab", measured), ("twin", simulated))
         for clock in [next((noise.clocks[device] for noise in noises if device in noise.clocks), None)]
@@ -111,7 +117,7 @@ def _tables(measured: Sequence[Noise], simulated: Sequence[Noise]) -> str:
     return "\n\n".join(
         [
             markdown(head, body, words=4),
-            markdown(("device", "of", "rows a second", "interval's spread, ms", "repeated rows"), clocks, words=2),
+            markdown(("device", "of", "rows a second", "interval's spread, ms", "repeated at rest"), clocks, words=2),
         ]
     )
 
