@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import load_target_current_law
@@ -124,7 +125,8 @@ def main() -> None:
 
     plant = drive_plant.fit_plant(rides)
     print("the plant's numbers:\n")
-    print(plant.toml("benchmarks/drive_from_logs.py on the free-motion logs of kufieta2014"))
+    source = "benchmarks/drive_from_logs.py on the free-motion logs of kufieta2014"
+    print(tomli_w.dumps({"plant": plant.table(source)}))
     print("standard errors of the ripple's amplitude, Nm:\n")
     rows = [(str(int(n[0])), *numbers(s, 3)) for n, s in zip(plant.order, plant.amplitude_errors, strict=True)]
     print(markdown(("order", *JOINT_COLUMNS), rows) + "\n")

@@ -66,6 +66,10 @@ _IDENTIFY_EXAMPLES = """[bold]Examples[/bold]
 ur5-twin identify controller monday.csv tuesday.csv --out out/mine
 
 ur5-twin replay wednesday.csv --model out/mine/controller.toml
+
+ur5-twin identify drive monday.csv tuesday.csv wednesday.csv --out out/drive
+
+ur5-twin replay thursday.csv --joints out/drive/joints.toml
 """
 
 
@@ -396,6 +400,27 @@ def identify_controller_current(
     recordings = _read_all(logs, repair)
     fit = controller.fit_target_current(recordings)
     _write_identified(results.current_result(fit, recordings, _command()), out)
+
+
+@identify.command("drive", epilog=_IDENTIFY_EXAMPLES)
+def identify_drive(
+    logs: _Logs,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/drive"),
+    repair: _Repair = False,
+) -> None:
+    """Find your arm's torque constants, friction and ripple from logs of free motion.
+
+    Writes joints.toml for 'replay --joints', and a report with the error on each log of a fit to all the others.
+    """
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.identification import drive, drive_plant, drive_result, drive_terms
+
+    recordings = _read_all(logs, repair)
+    model = load_model("plant")
+    plant = drive_plant.fit_plant([drive_terms.ride(recording, model) for recording in recordings])
+    held_out = drive.held_out(recordings, model) if len(recordings) > 1 else []
+    print(drive_result.write(plant, held_out, out, [recording.source for recording in recordings], _command()))
+    print(f"written to {out}: {drive_result.FILE}, report.md, report.json")
 
 
 @identify.command("noise", epilog=_IDENTIFY_EXAMPLES)

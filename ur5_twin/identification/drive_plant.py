@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ur5_twin.arm import files
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import drive_terms as terms
@@ -68,34 +70,38 @@ class PlantDrive:
     errors: np.ndarray
     amplitude_errors: np.ndarray
 
-    def toml(self, source: str) -> str:
-        """The numbers as keys of ``models/ur5_joints.toml``, with a table for the ripple."""
+    def table(self, source: str) -> dict[str, Any]:
+        """The numbers in the layout of a table of ``models/ur5_joints.toml``.
 
-        def row(values: np.ndarray, digits: int = 3) -> str:
-            return f"[{', '.join(f'{v:.{digits}f}' for v in values)}]"
-
-        def rows(values: np.ndarray, digits: int) -> str:
-            return f"[{', '.join(row(v, digits) for v in values)}]"
-
-        return "\n".join(
-            (
-                "[plant]",
-                f'source = "{source}"',
-                f"torque_constant_nm_a = {row(self.torque_constant, 2)}",
-                f"coulomb_positive_nm = {row(self.coulomb_positive)}",
-                f"coulomb_negative_nm = {row(self.coulomb_negative)}",
-                f"stribeck_nm = {row(self.stribeck)}",
-                f"stribeck_speed_rad_s = {row(self.stribeck_speed)}",
-                f"load_nm_nm = {row(self.load)}",
-                f"viscous_nm_s_rad = {row(self.viscous)}",
-                "",
-                "[plant.ripple]",
-                f"order = {rows(self.order, 0)}",
-                f"amplitude_nm = {rows(self.amplitude, 3)}",
-                f"phase_rad = {rows(self.phase, 2)}",
-                "",
-            )
-        )
+        What free motion cannot tell (offset, presliding, how cold drives warm) is carried over from the file that ships.
+        """
+        known = files.read_named("ur5_joints.toml", files.JointDrivesSpec)["plant"]
+        numbers = {
+            "torque_constant_nm_a": (self.torque_constant, 2),
+            "offset_nm": (np.array(known.offset_nm), 3),
+            "coulomb_positive_nm": (self.coulomb_positive, 3),
+            "coulomb_negative_nm": (self.coulomb_negative, 3),
+            "stribeck_nm": (self.stribeck, 3),
+            "stribeck_speed_rad_s": (self.stribeck_speed, 3),
+            "load_nm_nm": (self.load, 3),
+            "viscous_nm_s_rad": (self.viscous, 3),
+            "presliding_mrad": (np.array(known.presliding_mrad), 3),
+        }
+        ripple = [
+            {
+                "order": float(order[0]),
+                "amplitude_nm": np.round(amplitude, 3).tolist(),
+                "phase_rad": np.round(phase, 2).tolist(),
+            }
+            for order, amplitude, phase in zip(self.order, self.amplitude, self.phase, strict=True)
+        ]
+        return {
+            "source": source,
+            **{key: np.round(values, digits).tolist() for key, (values, digits) in numbers.items()},
+            "cold_viscous_ratio": known.cold_viscous_ratio,
+            "warming_time_s": known.warming_time_s,
+            "ripple": ripple,
+        }
 
 
 def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = (202, 404)) -> PlantDrive:
