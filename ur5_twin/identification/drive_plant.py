@@ -73,7 +73,7 @@ class PlantDrive:
     def table(self, source: str) -> dict[str, Any]:
         """The numbers in the layout of a table of ``models/ur5_joints.toml``.
 
-        What free motion cannot tell (offset, presliding, how cold drives warm) is carried over from the file that ships.
+        What free motion cannot tell (offset, presliding, warming) is carried over from the file that ships.
         """
         known = files.read_named("ur5_joints.toml", files.JointDrivesSpec)["plant"]
         numbers = {

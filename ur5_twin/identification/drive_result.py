@@ -1,4 +1,4 @@
-"""What ``identify drive`` writes: a file of motors and gears for the twin, and how well such a fit predicts new logs."""
+"""What ``identify drive`` writes: motors and gears for the twin, and how well such a fit predicts new logs."""
 
 from __future__ import annotations
 
