@@ -197,6 +197,11 @@ def rows(measured: Sequence[Noise], simulated: Sequence[Noise]) -> list[tuple[st
             real, twin = (_median(noises, name, what) for noises in (measured, simulated))
             if real is not None and twin is not None:
                 table.append((name, what, unit, [v * scale for v in real], [v * scale for v in twin]))
+    # How the noise at rest is distributed; where nothing changes there is no distribution.
+    for name in ("actual_current", "ft_wrench", "imu_acc", "imu_gyro"):
+        real, twin = (_median(noises, name, "kurtosis") for noises in (measured, simulated))
+        if real is not None and twin is not None:
+            table.append((name, "kurtosis, still", "", real, twin))
     return table
 
 
