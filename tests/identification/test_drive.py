@@ -13,6 +13,7 @@ from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import drive, drive_terms
 from ur5_twin.identification.drive_plant import fit_plant
 from ur5_twin.recording import read
+from ur5_twin.sources.recorded import commanded
 
 CONSTANT = np.array([9.5, 11.0, 10.5, 8.0, 8.5, 9.0])
 RIPPLE, PHASE = 1.4, 0.7
@@ -74,7 +75,7 @@ def test_the_servo_holds_where_the_move_ends() -> None:
     q[:, 0] = [0.9, 0.97, 0.9871, 0.9872]
     qd, qdd = np.zeros((4, 6)), np.zeros((4, 6))
     qd[:2, 0], qdd[:2, 0] = [1.0, 0.6], -6.0
-    held = drive_terms.held_target(q, qd, qdd)
+    held = commanded(np.stack([q, qd, qdd], axis=1))[:, 0]
     assert np.allclose(held[:2], q[:2])
     # 0.97 + 0.6^2 / 12
     assert np.allclose(held[2:, 0], 1.0)

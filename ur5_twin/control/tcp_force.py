@@ -123,7 +123,7 @@ class TcpForce:
             return np.empty((0, N_JOINTS))
         before = np.concatenate([moment[:1] if self._moment is None else self._moment[None], moment[:-1]])
         self._moment = moment[-1].copy()
-        ratio = _held(viscous_ratio(self._law.current, *targets), self._ratio)
+        ratio = last_known(viscous_ratio(self._law.current, *targets), self._ratio)
         self._ratio = ratio[-1].copy()
         torque = external_torque(self._law.current, current, qd, before, ratio)
         decay = 1.0 - self._law.weight
@@ -182,7 +182,7 @@ def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.n
     return wrench
 
 
-def _held(values: np.ndarray, first: np.ndarray) -> np.ndarray:
+def last_known(values: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The last number so far in each column of ``values`` (n, width), ``first`` (width,) where there is none yet."""
     rows = np.arange(len(values))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(values), -1, rows), axis=0)

@@ -18,14 +18,13 @@ import numpy as np
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
-from ur5_twin.control.tcp_force import viscous_ratio
+from ur5_twin.control.tcp_force import last_known, viscous_ratio
 from ur5_twin.errors import IdentificationError
 from ur5_twin.recording.table import Recording
+from ur5_twin.sources.recorded import commanded
 
 #: Target speed above which a joint counts as moving, rad/s: published speeds at rest are below 1e-4.
 MOVING = 1e-3
-#: Deceleration by which a last row before standstill tells where the move ends, rad/s^2.
-_BRAKING = 1e-2
 #: Speeds at which sliding friction has grown by 63 %, rad/s.
 RISE_SPEEDS = (0.01, 0.03, 0.1)
 _NEEDED = (
@@ -101,7 +100,7 @@ def ride(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = N
     if len(robot) < 20:
         raise IdentificationError(f"{recording.source}: {len(robot)} rows, too few for a drive; 20 at least")
     q, qd, qdd = (robot[name] for name in _NEEDED[:3])
-    reference = held_target(q, qd, qdd)
+    reference = commanded(np.stack([q, qd, qdd], axis=1))[:, 0]
     law = law or load_target_current_law()
     ratio = viscous_ratio(law, qd, robot["target_moment"], robot["target_current"])
     return Ride(
@@ -111,29 +110,13 @@ def ride(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = N
         link=Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS))).inverse(reference, qd, qdd),
         qd=qd,
         qdd=qdd,
-        ratio=_last_known(ratio, 1.0),
+        ratio=last_known(ratio, np.ones(ratio.shape[1])),
         feed_forward=robot["target_current"],
         angle=robot["actual_q"],
         error=robot["actual_q"] - reference,
         speed_error=robot["actual_qd"] - qd,
         current=robot["actual_current"],
     )
-
-
-def held_target(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-    """The position the servo holds (n, 6), rad: target_q while the target moves, the end of the last move at rest.
-
-    At rest the controller publishes what it measured. Where rows are missing the last row of a move is not its end;
-    it is where that row's deceleration brings the joint to rest, q + qd |qd| / (2 |qdd|).
-
-    Args:
-        q, qd, qdd: (n, 6) target motion, rad, rad/s, rad/s^2.
-    """
-    idle = np.logical_not(np.any(qd, axis=1) | np.any(qdd, axis=1))
-    braking = (qd * qdd < 0.0) & (np.abs(qdd) > _BRAKING)
-    end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
-    last = np.maximum.accumulate(np.where(idle, -1, np.arange(len(q))))
-    return np.where(idle[:, None], np.where(last[:, None] < 0, q[:1], end[np.maximum(last, 0)]), q)
 
 
 def leak(of: Ride, joint: int, moving: float, resting: float) -> np.ndarray:
@@ -206,10 +189,3 @@ def ripple_columns(
         wave = np.exp(1j * order * (of.angle[:, joint] - delay * qd)) / (1.0 + 1j * order * qd * lag)
         columns += [wave.real, wave.imag] + ([wave.real * sign, wave.imag * sign] if directed else [])
     return np.stack(columns, axis=1) if columns else np.empty((len(qd), 0))
-
-
-def _last_known(values: np.ndarray, first: float) -> np.ndarray:
-    """The last number so far in each column of (n, m), ``first`` where there is none yet."""
-    rows = np.arange(len(values))[:, None]
-    last = np.maximum.accumulate(np.where(np.isnan(values), -1, rows), axis=0)
-    return np.where(last < 0, first, np.take_along_axis(values, np.maximum(last, 0), axis=0))
