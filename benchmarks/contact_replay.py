@@ -15,12 +15,12 @@ from pathlib import Path
 
 from ur5_twin.arm.drive import load_drive, load_joint_drives
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.cli import FT_DELAY
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation import replay_report
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.recording import read
+from ur5_twin.recording.force_sensor import FT_DELAY
 from ur5_twin.twin.replay import ReplaySettings, replay
 
 PUSHED = (

@@ -11,7 +11,7 @@ import pytest
 from ur5_twin.arm.drive import load_joint_drives
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification import drive_plant, drive_result, drive_terms
+from ur5_twin.identification import drive_plant, drive_result, drive_terms, results
 from ur5_twin.identification.drive import HeldOut
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
@@ -24,7 +24,7 @@ def log(lab_logs: Path) -> Recording:
 
 def test_the_file_is_one_that_the_twin_takes(log: Recording, tmp_path: Path) -> None:
     plant = drive_plant.fit_plant([drive_terms.ride(log, load_model("plant"))])
-    drive_result.write(plant, [], tmp_path, [log.source], "ur5-twin identify drive LOG")
+    results.write(drive_result.drive_result(plant, [], [log], "ur5-twin identify drive LOG"), tmp_path)
     drives = load_joint_drives(tmp_path / drive_result.FILE)
     # Two digits in the file.
     np.testing.assert_allclose(drives.torque_constant, plant.torque_constant, atol=0.0051)
@@ -32,17 +32,19 @@ def test_the_file_is_one_that_the_twin_takes(log: Recording, tmp_path: Path) -> 
     assert drives.source == f"ur5-twin identify drive LOG, on {log.source}"
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert report["provenance"]["command"] == "ur5-twin identify drive LOG"
-    assert "One log cannot check itself" in (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "one log cannot check itself" in (tmp_path / "report.md").read_text(encoding="utf-8")
 
 
 def test_what_the_log_does_not_tell_is_null(log: Recording, tmp_path: Path) -> None:
     plant = drive_plant.fit_plant([drive_terms.ride(log, load_model("plant"))])
     one, none = np.ones(6), np.full(6, np.nan)
-    text = drive_result.write(plant, [HeldOut("run", one, none, one, 2 * one, none, 2 * one)], tmp_path, ["run"], "x")
-    held_out = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["held_out"][0]
-    assert held_out["ratio"] == [0.5] * 6
-    assert held_out["resting"] == [None] * 6
-    assert "| run | all, over target_current's | 0.500 |" in text
+    item = HeldOut("run", one, none, one, 2 * one, none, 2 * one)
+    text = results.write(drive_result.drive_result(plant, [item], [log], "x"), tmp_path)
+    tables = {table["title"]: table for table in json.loads((tmp_path / "report.json").read_text())["tables"]}
+    head = "Mean absolute error of actual_current, each log by a fit on all the others, "
+    assert tables[f"{head}all rows, over target_current's"]["values"] == [[0.5] * 6]
+    assert tables[f"{head}at rest"]["values"] == [[None] * 6]
+    assert "| run | 0.500 |" in text
 
 
 def test_an_arm_that_stands_still_tells_nothing(lab_logs: Path) -> None:

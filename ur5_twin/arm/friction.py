@@ -18,7 +18,7 @@ load-dependent friction of harmonic drives as the controller's own law has it (`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numba
@@ -63,17 +63,13 @@ class Friction:
 
     def scaled(self, factor: np.ndarray) -> Friction:
         """The same joints with every friction torque times ``factor`` (6,), which stick as far as before."""
-        return Friction(
+        return replace(
+            self,
             coulomb_positive=self.coulomb_positive * factor,
             coulomb_negative=self.coulomb_negative * factor,
             stribeck=self.stribeck * factor,
-            stribeck_speed=self.stribeck_speed,
             load=self.load * factor,
             viscous=self.viscous * factor,
-            presliding=self.presliding,
-            cold=self.cold,
-            warming_time=self.warming_time,
-            source=self.source,
         )
 
     def sliding(self, qd: np.ndarray, link_torque: np.ndarray, viscous_scale: float | np.ndarray = 1.0) -> np.ndarray:

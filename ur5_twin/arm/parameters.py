@@ -17,8 +17,10 @@ from ur5_twin.errors import ModelError, unknown
 
 JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 N_JOINTS = len(JOINT_NAMES)
+#: Where ``Tool.sensors`` says where ``ft_wrench`` and ``imu_*`` are measured; tools of the same names carry them.
+FT_SENSOR, IMU_SENSOR = "ati_gamma", "xsens_mti"
 #: What the tool ``both`` stands for.
-_BOTH = ("ati_gamma", "xsens_mti")
+_BOTH = (FT_SENSOR, IMU_SENSOR)
 
 #: The models that ship, by name, with the file each is read from.
 MODEL_FILES: Mapping[str, str] = {

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import tomli_w
 from ur5_twin.arm import files
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.atomic import write_text
-from ur5_twin.evaluation.replay_report import versions
+from ur5_twin.evaluation.reporting import render_json, short_number, versions
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.identification.controller import CurrentFit, RigidFit
 from ur5_twin.recording.table import Recording
@@ -24,8 +23,30 @@ _NO_TENSORS, _ALL_TENSORS = 0.1, 0.9
 
 
 @dataclass(frozen=True)
+class Numbers:
+    """A table of a report.
+
+    Attributes:
+        title: what the numbers are.
+        unit: of all of them, or a word like "ratio".
+        rows, columns: their names; a log's folder name, a joint, an axis.
+        values: (n_rows, n_columns); NaN where there is none.
+    """
+
+    title: str
+    unit: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    values: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.values.shape != (len(self.rows), len(self.columns)):
+            raise ValueError(f"{self.title}: {self.values.shape} numbers for {len(self.rows)} x {len(self.columns)}")
+
+
+@dataclass(frozen=True)
 class Result:
-    """An identified model.
+    """What an identification found: a model file, and what a report says about it.
 
     Attributes:
         file: name of the model file.
@@ -33,19 +54,19 @@ class Result:
         model: its content, in the layout of ``models/*.toml``.
         title: what was identified.
         findings: sentences for the report.
-        unit: of the errors.
-        errors: label -> (n_logs, 6) mean absolute errors.
-        logs: names of the logs, in the order of the errors' rows.
+        tables: for the report, errors and uncertainties.
+        provenance: command, logs and versions, as ``provenance`` gives them.
+        data: what ``report.json`` has besides.
     """
 
     file: str
-    layout: type[files.Strict]
+    layout: Any
     model: dict[str, Any]
     title: str
     findings: tuple[str, ...]
-    unit: str
-    errors: dict[str, np.ndarray]
-    logs: tuple[str, ...]
+    tables: tuple[Numbers, ...]
+    provenance: dict[str, Any]
+    data: dict[str, Any] = field(default_factory=dict)
 
 
 def controller_result(
@@ -63,7 +84,7 @@ def controller_result(
         "rotors": {"inertia_kg_m2": fit.rotor_inertia.tolist(), "source": source},
         "inertia": {"kind": knows, "source": f"{source}: a share of {fit.tensor_share:.2g} of model C's tensors"},
         "changes": [{"link": 6, "center_mm": [0.0, 0.0, fit.link6_z * 1e3], "source": source}],
-        "provenance": _provenance(recordings, command)
+        "provenance": provenance(recordings, command)
         | {
             "std": {
                 "gravity_m_s2": fit.gravity_std,
@@ -90,14 +111,19 @@ def controller_result(
     if held_out is not None and np.isnan(held_out).all():
         findings.append("no log can be checked: without it the others cannot carry the fit")
         held_out = None
-    errors = {} if held_out is None else {"target_moment, each log by a fit on all the others": held_out}
     if held_out is not None and np.isnan(held_out).any():
         findings.append("where the report has '-' instead of an error, the other logs alone could not carry the fit")
     shipped = f"With the model that ships ({base.name}) gravity is {base.gravity:g} m/s^2 and the rotors are "
     findings.append(shipped + ", ".join(f"{value:.6g}" for value in base.rotor_inertia) + " kg m^2")
-    logs = tuple(recording.source for recording in recordings)
+    title = "Mean absolute error of target_moment, each log by a fit on all the others"
     return Result(
-        "controller.toml", files.ModelFile, model, "The controller's own model", tuple(findings), "Nm", errors, logs
+        "controller.toml",
+        files.ModelFile,
+        model,
+        "The controller's own model",
+        tuple(findings),
+        () if held_out is None else (Numbers(title, "uNm", sources(recordings), JOINT_COLUMNS, 1e6 * held_out),),
+        provenance(recordings, command),
     )
 
 
@@ -105,14 +131,14 @@ def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: st
     """The controller's current law in the layout of ``models/target_current.toml``."""
     source = f"identified from target_current of {_names(recordings)}"
     law = fit.law(source)
-    logs = tuple(recording.source for recording in recordings)
+    logs = sources(recordings)
     model = {
         "source": source,
         "torque_constant_nm_a": law.torque_constant.tolist(),
         "load_a_nm": law.load.tolist(),
         "viscous_driving_a_s_rad": law.viscous_driving.tolist(),
         "viscous_backdriven_a_s_rad": law.viscous_backdriven.tolist(),
-        "provenance": _provenance(recordings, command)
+        "provenance": provenance(recordings, command)
         | {
             "viscous_by_log": [
                 {"log": name, "driving_a_s_rad": driving.tolist(), "backdriven_a_s_rad": backdriven.tolist()}
@@ -127,63 +153,81 @@ def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: st
             zip(fit.torque_constant, fit.load, *fit.viscous_mean, strict=True), start=1
         )
     ]
-    errors = {
-        "target_current with each log's own viscous coefficients": fit.mae,
-        "target_current with their mean, which the file has": fit.mae_common,
-    }
+    errors = (
+        ("with each log's own viscous coefficients", fit.mae),
+        ("with their mean, which the file has", fit.mae_common),
+    )
     return Result(
         "target_current.toml",
         files.TargetCurrentSpec,
         model,
         "The controller's current law",
         tuple(findings),
-        "A",
-        errors,
-        logs,
+        tuple(
+            Numbers(f"Mean absolute error of target_current {which}", "mA", logs, JOINT_COLUMNS, 1e3 * values)
+            for which, values in errors
+        ),
+        provenance(recordings, command),
     )
 
 
-def write(result: Result, folder: Path, figure: Path | None) -> None:
-    """Write the model file, ``report.json`` and ``report.md`` into a folder; ``figure`` is linked in the report.
+def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
+    """Write the model file, ``report.json`` and ``report.md`` into a folder; returns the report's tables.
+
+    Args:
+        result: what was found.
+        folder: where to.
+        figures: drawn before, in a folder beneath it, linked in the report.
 
     Raises:
         ModelError: the fit found what no such file may hold, a negative coefficient say; nothing is written.
     """
     files.convert(result.model, result.layout, result.file)
+    tables = "\n\n".join(_table(table) for table in result.tables)
     write_text(folder / result.file, tomli_w.dumps(result.model))
     data = {
         "title": result.title,
-        "logs": result.logs,
         "findings": result.findings,
-        "unit": result.unit,
-        "mae": {
-            label: [row.tolist() if np.isfinite(row).all() else None for row in values]
-            for label, values in result.errors.items()
-        },
-        "provenance": result.model["provenance"],
+        "tables": [
+            {
+                "title": table.title,
+                "unit": table.unit,
+                "rows": table.rows,
+                "columns": table.columns,
+                "values": [[float(x) if np.isfinite(x) else None for x in row] for row in table.values],
+            }
+            for table in result.tables
+        ],
+        **result.data,
+        "provenance": result.provenance,
     }
-    write_text(folder / "report.json", json.dumps(data, indent=2) + "\n")
-    write_text(folder / "report.md", _markdown(result, figure))
-
-
-def _markdown(result: Result, figure: Path | None) -> str:
-    lines = [f"# {result.title}", "", f"Command: `{result.model['provenance']['command']}`", ""]
+    write_text(folder / "report.json", render_json(data))
+    lines = [f"# {result.title}", "", f"Command: `{result.provenance['command']}`", ""]
     lines += [f"- {finding}" for finding in result.findings]
-    for label, values in result.errors.items():
-        lines += ["", f"Mean absolute error of {label}, {result.unit}:", ""]
-        rows = [
-            (name, *(f"{value:.2g}" if np.isfinite(value) else "-" for value in row))
-            for name, row in zip(result.logs, values, strict=True)
-        ]
-        lines.append(markdown(("log", *JOINT_COLUMNS), rows))
-    if figure is not None:
-        lines += ["", f"![errors]({figure.parent.name}/{figure.name})"]
-    return "\n".join([*lines, ""])
+    lines += ["", tables] if tables else []
+    for figure in figures:
+        lines += ["", f"![{figure.stem}]({figure.parent.name}/{figure.name})"]
+    write_text(folder / "report.md", "\n".join([*lines, ""]))
+    return tables
+
+
+def sources(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Names of the logs."""
+    return tuple(recording.source for recording in recordings)
+
+
+def provenance(recordings: Sequence[Recording], command: str) -> dict[str, Any]:
+    """Where a fit comes from: command line, logs and versions."""
+    return {"command": command, "logs": list(sources(recordings)), "versions": versions()}
+
+
+def _table(table: Numbers) -> str:
+    rows = [
+        (name.removeprefix("Movement_"), *map(short_number, values))
+        for name, values in zip(table.rows, table.values, strict=True)
+    ]
+    return f"{table.title}, {table.unit}:\n\n{markdown(('', *table.columns), rows)}"
 
 
 def _names(recordings: Sequence[Recording]) -> str:
-    return ", ".join(recording.source for recording in recordings)
-
-
-def _provenance(recordings: Sequence[Recording], command: str) -> dict[str, Any]:
-    return {"command": command, "logs": [recording.source for recording in recordings], "versions": versions()}
+    return ", ".join(sources(recordings))

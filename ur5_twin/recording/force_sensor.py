@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from ur5_twin import spatial
-from ur5_twin.arm.parameters import Tool
+from ur5_twin.arm.parameters import FT_SENSOR, Tool
 from ur5_twin.recording.table import Recording
 
 #: The sensor's reading of this long from its beginning is taken for its bias, s.
 TARE_TIME = 0.3
-#: Where ``Tool.sensors`` says where ``ft_wrench`` is measured.
-FT_SENSOR = "ati_gamma"
+#: How late the lab's force sensor is beside its robot, s (docs/servo.md).
+FT_DELAY = 0.075
 
 
 def sensor_bias(recording: Recording) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, ArmModel
 from ur5_twin.sensing.channel import Line
 from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
 from ur5_twin.sensing.motor_noise import MotorNoise
@@ -12,8 +12,6 @@ from ur5_twin.sensing.signals import Load, Signals
 from ur5_twin.sensing.specs import Clock, SensorSuite
 from ur5_twin.sensing.transport import Arrivals
 
-#: Names of the sensors on ``Tool.sensors``.
-FT_SENSOR, IMU_SENSOR = "ati_gamma", "xsens_mti"
 #: Times that a device's clock draws at once.
 _AHEAD = 256
 #: A joint that turns faster than this moves, rad/s.

@@ -11,7 +11,7 @@ import numpy as np
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.drive import JointDrives, LinearDrive
 from ur5_twin.arm.dynamics import Dynamics
-from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.arm.parameters import FT_SENSOR, ArmModel
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
 from ur5_twin.errors import ReplayError, SimulationError
@@ -155,10 +155,10 @@ def _measured_wrench(recording: Recording, settings: ReplaySettings) -> np.ndarr
     if settings.mode != "servo":
         raise ReplayError("a measured wrench pushes the closed loop: use --mode servo (mode='servo')")
     tool = settings.plant.tool
-    if tool is None or force_sensor.FT_SENSOR not in tool.sensors:
+    if tool is None or FT_SENSOR not in tool.sensors:
         raise ReplayError(
-            f"--wrench measured needs to know where the force sensor sits: give a tool with {force_sensor.FT_SENSOR} "
-            f"(--tool {force_sensor.FT_SENSOR})"
+            f"--wrench measured needs to know where the force sensor sits: give a tool with {FT_SENSOR} "
+            f"(--tool {FT_SENSOR})"
         )
     table = recording.tables.get("ft")
     if table is None or "ft_wrench" not in table:

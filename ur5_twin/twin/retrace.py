@@ -7,19 +7,16 @@ import math
 import numpy as np
 
 from ur5_twin.arm.drive import load_joint_drives
-from ur5_twin.arm.parameters import load_model
+from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import SimulationError
-from ur5_twin.recording.force_sensor import FT_SENSOR
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import SensorSuite
 from ur5_twin.sources.recorded import RecordedSource, commanded
 from ur5_twin.twin.cell import Cell, Setup
 from ur5_twin.twin.closed_loop import Limits
 from ur5_twin.twin.telemetry import Telemetry
-
-_IMU_SENSOR = "xsens_mti"
 
 
 def retrace(recording: Recording, suite: SensorSuite, seed: int = 0) -> Recording:
@@ -38,7 +35,7 @@ def retrace(recording: Recording, suite: SensorSuite, seed: int = 0) -> Recordin
     if source.missing_targets:
         raise SimulationError(f"{recording.source}: no {', '.join(source.missing_targets)}: there is nothing to follow")
     targets = commanded(np.stack([robot["target_q"], robot["target_qd"], robot["target_qdd"]], axis=1))
-    carried = [name for name, device in ((FT_SENSOR, "ft"), (_IMU_SENSOR, "imu")) if device in recording.tables]
+    carried = [name for name, device in ((FT_SENSOR, "ft"), (IMU_SENSOR, "imu")) if device in recording.tables]
     setup = Setup(
         controller=load_model("controller"),
         plant=load_model("plant", "+".join(carried) or "none"),

@@ -10,8 +10,8 @@ from ur5_twin.arm import kinematics
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.mjcf import BODY_NAMES
 from ur5_twin.arm.mjcf.obstacles import geom_name
+from ur5_twin.arm.parameters import FT_SENSOR
 from ur5_twin.control.tcp_force import TcpForce
-from ur5_twin.recording.force_sensor import FT_SENSOR
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.sensing import Load, Measuring, SensorSuite, Signals
 from ur5_twin.twin.cell import PERIOD, Piece, Setup, loaded

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
+from ur5_twin.cli import identify
+from ur5_twin.cli.common import complete_gains, complete_models, complete_tools, quiet_engine, shipped
 from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
     from ur5_twin.arm.parameters import ArmModel
-    from ur5_twin.identification.results import Result
-    from ur5_twin.recording.table import Recording
     from ur5_twin.twin.replay import ReplaySettings
 
 app = typer.Typer(
@@ -60,21 +60,6 @@ ur5-twin model plant --tool ati_gamma --export cell.xml --scene
 
 #: Exit code of a command that Ctrl-C ended, as shells have it; Typer returns it, or raises Abort while it prompts.
 _INTERRUPTED = 130
-
-_IDENTIFY_EXAMPLES = """[bold]Examples[/bold]
-
-ur5-twin identify controller monday.csv tuesday.csv --out out/mine
-
-ur5-twin replay wednesday.csv --model out/mine/controller.toml
-
-ur5-twin identify drive monday.csv tuesday.csv wednesday.csv --out out/drive
-
-ur5-twin replay thursday.csv --joints out/drive/joints.toml
-"""
-
-
-#: How late the lab's force sensor is, s (docs/servo.md).
-FT_DELAY = 0.075
 
 
 class Mode(StrEnum):
@@ -129,28 +114,10 @@ def _root(
     pass
 
 
-def _complete_models(incomplete: str) -> list[str]:
-    from ur5_twin.arm.parameters import model_names
-
-    return [name for name in model_names() if name.startswith(incomplete)]
-
-
 def _complete_scenarios(incomplete: str) -> list[str]:
     from ur5_twin.scenario import scenario_names
 
     return [name for name in scenario_names() if name.startswith(incomplete)]
-
-
-def _complete_gains(incomplete: str) -> list[str]:
-    from ur5_twin.control.gains import gain_names
-
-    return [name for name in gain_names() if name.startswith(incomplete)]
-
-
-def _complete_tools(incomplete: str) -> list[str]:
-    from ur5_twin.arm.parameters import tool_names
-
-    return [name for name in tool_names() if name.startswith(incomplete)]
 
 
 @app.command(epilog=_REPLAY_EXAMPLES)
@@ -165,13 +132,13 @@ def replay(
     model: Annotated[
         str,
         typer.Option(
-            "--model", "-m", autocompletion=_complete_models, help="Model the controller linearises with: name or TOML."
+            "--model", "-m", autocompletion=complete_models, help="Model the controller linearises with: name or TOML."
         ),
     ] = "controller",
     plant: Annotated[
         str | None,
         typer.Option(
-            autocompletion=_complete_models,
+            autocompletion=complete_models,
             help="Model that is simulated. Default: the controller's; with --joints, plant.",
         ),
     ] = None,
@@ -180,7 +147,7 @@ def replay(
         typer.Option(
             "--gains",
             "-g",
-            autocompletion=_complete_gains,
+            autocompletion=complete_gains,
             help="Gains of the servo: a preset's name or a TOML. Default: thesis_c; with --joints, servo.",
         ),
     ] = None,
@@ -199,25 +166,25 @@ def replay(
         ),
     ] = Wrench.none,
     ft_delay: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0.0,
             max=1.0,
             help="By how many seconds the force sensor's rows are late beside the robot's. Default: the lab's, by the "
             "motors' answer to pushes.",
         ),
-    ] = FT_DELAY,
+    ] = None,
     target_current: Annotated[
         Path | None, typer.Option(help="TOML of the controller's current law. Default: the one that ships.")
     ] = None,
     drive: Annotated[str, typer.Option(help="Map from torque to motor current: a preset's name or a TOML.")] = "thesis",
     tool: Annotated[
-        str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange of the simulated arm.")
+        str, typer.Option(autocompletion=complete_tools, help="Tool at the flange of the simulated arm.")
     ] = "none",
     payload: Annotated[
         str,
         typer.Option(
-            autocompletion=_complete_tools, help="Tool that the real controller was told of: part of target_moment."
+            autocompletion=complete_tools, help="Tool that the real controller was told of: part of target_moment."
         ),
     ] = "none",
     mode: Annotated[
@@ -249,9 +216,9 @@ def replay(
 
     if rerun or spawn:
         rerun_view.need_rerun()
-    _quiet_engine()
+    quiet_engine()
     settings = _settings(model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode)
-    source = _shipped(path)
+    source = shipped(path)
     recording = read(source, repair=repair)
     folder = output_folder(out, recording, source)
     with progress("replay", len(recording.robot)) as advance:
@@ -306,7 +273,7 @@ def run(
 
     if rerun or spawn:
         rerun_view.need_rerun()
-    _quiet_engine()
+    quiet_engine()
     loaded = load_scenario(scenario)
     folder = run_folder(out, loaded.name)
     running = ScenarioRun(loaded, seed)
@@ -334,9 +301,9 @@ def _list_scenarios() -> None:
 @app.command(epilog=_MODEL_EXAMPLES)
 def model(
     name: Annotated[
-        str, typer.Argument(autocompletion=_complete_models, help="A model that ships, or the path of a TOML file.")
+        str, typer.Argument(autocompletion=complete_models, help="A model that ships, or the path of a TOML file.")
     ] = "plant",
-    tool: Annotated[str, typer.Option(autocompletion=_complete_tools, help="Tool at the flange.")] = "none",
+    tool: Annotated[str, typer.Option(autocompletion=complete_tools, help="Tool at the flange.")] = "none",
     export: Annotated[Path | None, typer.Option(help="Write the model as MJCF to this file.")] = None,
     scene: Annotated[bool, typer.Option("--scene", help="With --export or --view: put it on its stand, lit.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in MuJoCo's viewer.")] = False,
@@ -357,128 +324,7 @@ def model(
         _view(arm, scene)
 
 
-identify = typer.Typer(help="Turn logs of your arm into model files for the twin.", no_args_is_help=True)
-app.add_typer(identify, name="identify")
-
-_Logs = Annotated[list[Path], typer.Argument(help="Logs, as 'replay' takes them. More logs, more to check against.")]
-_Repair = Annotated[bool, typer.Option("--repair", help="Repair what is broken in a log and report it.")]
-
-
-@identify.command("controller", epilog=_IDENTIFY_EXAMPLES)
-def identify_controller(
-    logs: _Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller"),
-    repair: _Repair = False,
-) -> None:
-    """Find the model your controller linearises with, from its target_moment.
-
-    Writes controller.toml for 'replay --model', and a report with the error on each log of a fit to all the others.
-    """
-    from ur5_twin.arm.parameters import load_model
-    from ur5_twin.identification import controller, results
-
-    recordings = _read_all(logs, repair)
-    model = load_model("c")
-    fit = controller.fit_rigid(recordings, model)
-    held_out = controller.held_out_moment(recordings, model) if len(recordings) > 1 else None
-    result = results.controller_result(fit, held_out, load_model("controller"), recordings, _command())
-    _write_identified(result, out)
-
-
-@identify.command("controller-current", epilog=_IDENTIFY_EXAMPLES)
-def identify_controller_current(
-    logs: _Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller-current"),
-    repair: _Repair = False,
-) -> None:
-    """Find how your controller's target_current follows from its target_moment and target_qd.
-
-    Writes target_current.toml for 'replay --target-current', and a report.
-    """
-    from ur5_twin.identification import controller, results
-
-    recordings = _read_all(logs, repair)
-    fit = controller.fit_target_current(recordings)
-    _write_identified(results.current_result(fit, recordings, _command()), out)
-
-
-@identify.command("drive", epilog=_IDENTIFY_EXAMPLES)
-def identify_drive(
-    logs: _Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/drive"),
-    repair: _Repair = False,
-) -> None:
-    """Find your arm's torque constants, friction and ripple from logs of free motion.
-
-    Writes joints.toml for 'replay --joints', and a report with the error on each log of a fit to all the others.
-    """
-    from ur5_twin.arm.parameters import load_model
-    from ur5_twin.identification import drive, drive_plant, drive_result, drive_terms
-
-    recordings = _read_all(logs, repair)
-    model = load_model("plant")
-    plant = drive_plant.fit_plant([drive_terms.ride(recording, model) for recording in recordings])
-    held_out = drive.held_out(recordings, model) if len(recordings) > 1 else []
-    print(drive_result.write(plant, held_out, out, [recording.source for recording in recordings], _command()))
-    print(f"written to {out}: {drive_result.FILE}, report.md, report.json")
-
-
-@identify.command("noise", epilog=_IDENTIFY_EXAMPLES)
-def identify_noise(
-    logs: _Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/noise"),
-    sensors: Annotated[str, typer.Option(help="Simulated devices: a preset's name or a TOML.")] = "lab",
-    seed: Annotated[int, typer.Option(min=0, help="Of the simulated noise.")] = 0,
-    repair: _Repair = False,
-) -> None:
-    """Measure your devices' noise, steps and clocks, beside the simulated devices' in the same motion."""
-    from ur5_twin.identification.noise import measure
-    from ur5_twin.sensing import load_sensors
-    from ur5_twin.twin.retrace import retrace
-    from ur5_twin.views.noise import write_noise
-
-    recordings = _read_all(logs, repair)
-    suite = load_sensors(sensors)
-    measured, simulated = [], []
-    with progress("retrace", len(recordings)) as advance:
-        for done, recording in enumerate(recordings, start=1):
-            measured.append(measure(recording))
-            simulated.append(measure(retrace(recording, suite, seed)))
-            advance(done)
-    print(write_noise(measured, simulated, out, _command()))
-    print(f"written to {out}: report.md, report.json, figures")
-
-
-def _command() -> str:
-    """The command line as it was given, for provenance."""
-    import shlex
-
-    return shlex.join(["ur5-twin", *sys.argv[1:]])
-
-
-def _read_all(logs: list[Path], repair: bool) -> list[Recording]:
-    from ur5_twin.errors import IdentificationError
-    from ur5_twin.recording import read
-
-    twice = [str(path) for k, path in enumerate(logs) if path.resolve() in [other.resolve() for other in logs[:k]]]
-    if twice:
-        raise IdentificationError(f"{twice[0]} is given twice: a log cannot be checked against itself")
-    recordings = []
-    with progress("read", len(logs)) as advance:
-        for done, path in enumerate(logs, start=1):
-            recordings.append(read(_shipped(path), repair=repair))
-            advance(done)
-    return recordings
-
-
-def _write_identified(result: Result, folder: Path) -> None:
-    from ur5_twin.identification.results import write
-    from ur5_twin.views.identification import draw_errors
-
-    figure = draw_errors(result, folder / "figures" / "errors.png") if result.errors else None
-    write(result, folder, figure)
-    print(*(f"- {finding}" for finding in result.findings), sep="\n")
-    print(f"written to {folder}: {result.file}, report.md, report.json")
+app.add_typer(identify.app, name="identify")
 
 
 @app.command()
@@ -504,7 +350,7 @@ def _settings(
     gains: str | None,
     joints: str | None,
     wrench: Wrench,
-    ft_delay: float,
+    ft_delay: float | None,
     drive: str,
     target_current: Path | None,
     tool: str,
@@ -515,6 +361,7 @@ def _settings(
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.control.gains import load_gains
     from ur5_twin.control.target_current import load_target_current_law
+    from ur5_twin.recording.force_sensor import FT_DELAY
     from ur5_twin.twin.replay import ReplaySettings
 
     if joints is None:
@@ -533,25 +380,8 @@ def _settings(
         mode=mode.value,
         joints=load_joint_drives(joints) if rubs else None,
         wrench=wrench.value,
-        ft_delay=ft_delay,
+        ft_delay=FT_DELAY if ft_delay is None else ft_delay,
     )
-
-
-def _quiet_engine() -> None:
-    """dm_control logs MuJoCo's warnings; a simulation that diverges is an error of ours, in one line."""
-    from absl import logging
-
-    logging.set_verbosity(logging.ERROR)
-
-
-def _shipped(path: Path) -> Path:
-    """A log that ships, by name, where there is no such path."""
-    if path.exists() or len(path.parts) != 1:
-        return path
-    from ur5_twin.resources import data_dir
-
-    shipped = data_dir("replay") / path
-    return shipped if shipped.is_dir() else path
 
 
 def _view(arm: ArmModel, scene: bool) -> None:
@@ -560,7 +390,3 @@ def _view(arm: ArmModel, scene: bool) -> None:
     from ur5_twin.arm import mjcf
 
     mujoco.viewer.launch(mjcf.compile(arm, scene=scene))
-
-
-if __name__ == "__main__":
-    main()

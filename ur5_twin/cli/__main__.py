@@ -1,0 +1,3 @@
+from ur5_twin.cli import main
+
+main()
