@@ -16,8 +16,10 @@ import tomli_w
 
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import load_target_current_law
+from ur5_twin.drives import terms
+from ur5_twin.drives.current_map import CurrentMap
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
-from ur5_twin.identification import drive, drive_plant, drive_terms
+from ur5_twin.identification import drive, drive_plant
 from ur5_twin.recording import read
 
 #: Free motion, all with the accelerometer on the flange.
@@ -39,12 +41,12 @@ def numbers(values: np.ndarray, digits: int) -> list[str]:
     return ["-" if np.isnan(value) else f"{value:.{digits}f}" for value in values]
 
 
-def answer_to_ripple(rides: Sequence[drive_terms.Ride], fit: drive.DriveFit, order: int, joint: int) -> list[str]:
+def answer_to_ripple(rides: Sequence[terms.Ride], fit: CurrentMap, order: int, joint: int) -> list[str]:
     """How position error and current share the ripple of one order: amplitudes, stiffness, coherence."""
     constant = load_target_current_law().torque_constant[joint]
     errors, torques, speeds = [], [], []
     for of in rides:
-        rest = of.current[:, joint] - drive.predict_current(fit, of)[:, joint]
+        rest = of.current[:, joint] - fit.current(of)[:, joint]
         steady = np.flatnonzero(of.moving[:, joint] & (np.abs(of.qdd[:, joint]) < 1e-6))
         for run in np.split(steady, np.flatnonzero(np.diff(steady) > 1) + 1):
             for start in range(0, len(run) - WINDOW + 1, WINDOW):
@@ -88,13 +90,12 @@ def main() -> None:
     missing = [name for name in FREE if not (options.logs / f"Movement_{name}").is_dir()]
     if missing:
         parser.error(f"no Movement_{missing[0]} in {options.logs}")
-    recordings = [read(options.logs / f"Movement_{name}", repair=True) for name in FREE]
     model = load_model("plant", TOOL)
-    rides = [drive_terms.ride(r, model) for r in recordings]
+    rides = [terms.ride(read(options.logs / f"Movement_{name}", repair=True), model) for name in FREE]
 
-    for servo, title in ((False, "without the servo"), (True, "with the servo's answer to the measured error")):
+    for candidates, title in ((drive.FREE, "without the servo"), (drive.FOLLOWING, "with the servo")):
         rows = []
-        for of in drive.held_out(recordings, model, servo=servo):
+        for of in drive.held_out(rides, candidates):
             parts = (
                 ("moving", of.moving, 3),
                 ("moving, controller's", of.own_moving, 3),
@@ -106,18 +107,18 @@ def main() -> None:
         print(f"MAE of the current in A by a fit on the other logs, {title}:\n")
         print(markdown(("log", "", *JOINT_COLUMNS), rows, words=2) + "\n")
 
-    smooth = [shape._replace(orders=()) for shape in drive.SHAPES]
+    smooth = [candidate._replace(shape=candidate.shape._replace(orders=())) for candidate in drive.FREE]
     rows = []
     for k, of in enumerate(rides):
         rest = [r for i, r in enumerate(rides) if i != k]
-        for name, shapes in (("with ripple", drive.SHAPES), ("without", smooth)):
-            fit = drive.fit_rides(rest, shapes=shapes)
-            error = np.abs(drive.predict_current(fit, of) - of.current).mean(axis=0)
+        for name, shapes in (("with ripple", drive.FREE), ("without", smooth)):
+            fit = drive.fit_drive(rest, shapes)
+            error = np.abs(fit.current(of) - of.current).mean(axis=0)
             rows.append((of.source.removeprefix("Movement_"), name, *numbers(error, 3)))
     print("what the ripple is worth, whole log, without the servo, A:\n")
     print(markdown(("log", "", *JOINT_COLUMNS), rows, words=2) + "\n")
 
-    fit = drive.fit_rides(rides, shapes=smooth)
+    fit = drive.fit_drive(rides, smooth)
     rows = [answer_to_ripple(rides, fit, 202 if j < 3 else 404, j) for j in range(6)]
     print("the ripple in position error and current, windows of 0.38 s at constant speed:\n")
     head = ("joint", "order", "windows", "error mrad", "torque Nm", "torque per error Nm/rad", "coherence")

@@ -10,10 +10,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ur5_twin.arm.drive import load_drive
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
+from ur5_twin.drives.current_map import load_current_map
 from ur5_twin.evaluation.replay_report import short_number, summarise, table_rows
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.recording import read
@@ -30,7 +30,8 @@ def main() -> None:
     if not folders:
         parser.error(f"no Movement_* folder in {options.logs}")
     model = load_model(options.model)
-    settings = ReplaySettings(model, model, load_gains(), load_drive(), load_target_current_law(), mode=options.mode)
+    drive = load_current_map()
+    settings = ReplaySettings(model, model, load_gains(), drive, load_target_current_law(), mode=options.mode)
     reports = []
     for folder in folders:
         reports.append(summarise(replay(read(folder), settings), settings))

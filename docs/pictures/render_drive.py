@@ -16,7 +16,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.identification import drive, drive_terms
+from ur5_twin.drives import terms
+from ur5_twin.identification import drive
 from ur5_twin.recording import read
 from ur5_twin.views.style import MEASURED, TWIN
 
@@ -40,21 +41,21 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path(__file__).parent, help="where to write")
     options = parser.parse_args()
     model = load_model("plant", "xsens_mti")
-    rides = [drive_terms.ride(read(options.logs / f"Movement_{n}", repair=True), model) for n in _FREE]
+    rides = [terms.ride(read(options.logs / f"Movement_{n}", repair=True), model) for n in _FREE]
     _ripple(rides, options.folder / "drive_ripple.png")
     _amplitude(rides, options.folder / "drive_amplitude.png")
 
 
-def _ripple(rides: list[drive_terms.Ride], path: Path) -> None:
+def _ripple(rides: list[terms.Ride], path: Path) -> None:
     """Residual current of an unseen log against the angle, folded to one period of the ripple."""
     unseen, rest = rides[_SHOWN], [r for k, r in enumerate(rides) if k != _SHOWN]
-    smooth = [shape._replace(orders=()) for shape in drive.SHAPES]
+    smooth = [candidate._replace(shape=candidate.shape._replace(orders=())) for candidate in drive.FREE]
     figure, axes = plt.subplots(2, 3, figsize=(11, 5), sharex=True, sharey="col", layout="constrained")
     for row, shapes, title, colour in (
         (0, smooth, "friction alone", MEASURED),
-        (1, drive.SHAPES, "and ripple", TWIN),
+        (1, drive.FREE, "and ripple", TWIN),
     ):
-        left = unseen.current - drive.predict_current(drive.fit_rides(rest, shapes=shapes), unseen)
+        left = unseen.current - drive.fit_drive(rest, shapes).current(unseen)
         for column, j in enumerate((3, 4, 5)):
             speed = np.abs(unseen.qd[:, j])
             rows = (speed > _SLOW[0]) & (speed < _SLOW[1])
@@ -70,11 +71,11 @@ def _ripple(rides: list[drive_terms.Ride], path: Path) -> None:
     plt.close(figure)
 
 
-def _amplitude(rides: list[drive_terms.Ride], path: Path) -> None:
+def _amplitude(rides: list[terms.Ride], path: Path) -> None:
     """Amplitude of the ripple over speed, of the order that each joint shows most."""
-    smooth = [shape._replace(orders=()) for shape in drive.SHAPES]
-    fit = drive.fit_rides(rides, shapes=smooth)
-    rests = [of.current - drive.predict_current(fit, of) for of in rides]
+    smooth = [candidate._replace(shape=candidate.shape._replace(orders=())) for candidate in drive.FREE]
+    fit = drive.fit_drive(rides, smooth)
+    rests = [of.current - fit.current(of) for of in rides]
     edges = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2])
     figure, axes = plt.subplots(1, 2, figsize=(11, 3.6), layout="constrained")
     for j in range(6):

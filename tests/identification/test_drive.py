@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ur5_twin.arm.drive import LinearDrive, load_drive
 from ur5_twin.arm.parameters import load_model
+from ur5_twin.control.held import commanded
+from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification import drive, drive_terms
+from ur5_twin.identification import drive, thesis_drive
 from ur5_twin.identification.drive_plant import fit_plant
 from ur5_twin.recording import read
-from ur5_twin.sources.recorded import commanded
+from ur5_twin.recording.table import Recording, Table
 
 CONSTANT = np.array([9.5, 11.0, 10.5, 8.0, 8.5, 9.0])
 RIPPLE, PHASE = 1.4, 0.7
-FREE = (
+LOGS = (
     "No3_Acc",
     "No4_Acc",
     "No5_Acc_slow_no_disturbance",
@@ -26,7 +29,7 @@ FREE = (
 )
 
 
-def made(seed: int = 1) -> drive_terms.Ride:
+def made(seed: int = 1) -> terms.Ride:
     """Every joint swings for 60 s against 2 and 1.5 Nm of Coulomb friction and a ripple of order 404."""
     rng = np.random.default_rng(seed)
     t = np.arange(7500) * 0.008
@@ -40,10 +43,10 @@ def made(seed: int = 1) -> drive_terms.Ride:
     wave = np.exp(1j * (404 * (q - 0.005 * qd) + PHASE)) / (1.0 + 0.002j * 404 * qd)
     current = (link + qdd + friction + RIPPLE * wave.real) / CONSTANT + rng.normal(0.0, 0.02, q.shape)
     zero = np.zeros_like(q)
-    return drive_terms.Ride("made", t, link + qdd, link, qd, qdd, zero + 1.0, link / CONSTANT, q, zero, zero, current)
+    return terms.Ride("made", t, link + qdd, link, qd, qdd, zero + 1.0, link / CONSTANT, q, zero, zero, current)
 
 
-def first(of: drive_terms.Ride, n: int) -> drive_terms.Ride:
+def first(of: terms.Ride, n: int) -> terms.Ride:
     return replace(of, **{f.name: getattr(of, f.name)[:n] for f in fields(of) if f.name != "source"})
 
 
@@ -66,7 +69,7 @@ def test_what_passes_and_what_is_kept_add_up() -> None:
     rng = np.random.default_rng(3)
     x, a = rng.normal(size=(200, 2)), rng.uniform(0.0, 1.0, 200)
     # Rounding of 200 sums.
-    assert np.allclose(drive_terms.kept(x, a) + drive_terms.passed(x, a), x, atol=1e-12)
+    assert np.allclose(terms.kept(x, a) + terms.passed(x, a), x, atol=1e-12)
 
 
 def test_the_servo_holds_where_the_move_ends() -> None:
@@ -84,16 +87,16 @@ def test_the_servo_holds_where_the_move_ends() -> None:
 
 def test_a_prediction_does_not_look_ahead() -> None:
     of = made()
-    for servo in (False, True):
-        fit = drive.fit_rides([made(2)], CONSTANT, servo=servo)
-        whole, part = drive.predict_current(fit, of), drive.predict_current(fit, first(of, 3000))
+    for candidates in (drive.FREE, drive.FOLLOWING):
+        fit = drive.fit_drive([made(2)], candidates, CONSTANT)
+        whole, part = fit.current(of), fit.current(first(of, 3000))
         # The same sums; matrix products of other lengths may round differently.
         assert np.allclose(whole[:3000], part, atol=1e-9)
 
 
 def test_a_fit_on_another_ride_predicts_to_the_noise() -> None:
-    fit = drive.fit_rides([made(2), made(3)], CONSTANT)
-    error = np.abs(drive.predict_current(fit, made()) - made().current)[50:]
+    fit = drive.fit_drive([made(2), made(3)], torque_constant=CONSTANT)
+    error = np.abs(fit.current(made()) - made().current)[50:]
     # 0.016 A is the mean of |noise|; penalties, other delays than the made ride's and reversals add as much
     # again. The big joints' shapes look for other orders.
     assert (error[:, 3:].mean(axis=0) < 0.05).all()
@@ -103,29 +106,71 @@ def test_names_a_joint_that_never_moves() -> None:
     of = made()
     still = replace(of, qd=np.where(np.arange(6) == 2, 0.0, of.qd))
     with pytest.raises(IdentificationError, match="joint 3"):
-        drive.fit_rides([still])
+        drive.fit_drive([still])
     with pytest.raises(IdentificationError, match="joint 3"):
         fit_plant([still])
 
 
-def test_real_logs_without_looking_at_the_servo(lab_logs: Path) -> None:
-    recordings = [read(lab_logs / f"Movement_{name}", repair=True) for name in FREE]
-    table = drive.held_out(recordings, load_model("plant", "xsens_mti"))
-    for of in table:
+def test_real_logs_left_out(lab_logs: Path) -> None:
+    recordings = [read(lab_logs / f"Movement_{name}", repair=True) for name in LOGS]
+    rides = [terms.ride(recording, load_model("plant", "xsens_mti")) for recording in recordings]
+    study = drive.study(recordings, rides, load_model("c", "xsens_mti"), load_drive("thesis"))
+    small = [0, 3, 4, 5]
+    for free, following, two_step, printed in zip(
+        study.free, study.following, study.two_step, study.printed, strict=True
+    ):
         # The aim: 0.6 of the controller's own error over the whole log, for each joint and each log left out.
-        assert (of.ratio[[0, 3, 4, 5]] <= 0.6).all(), of.source
+        assert (free.ratio[small] <= 0.6).all(), free.source
         # Joint 1's and the small joints' friction is known to less than two thirds of the controller's error in motion.
-        assert (of.moving[[0, 3, 4, 5]] < 0.66 * of.own_moving[[0, 3, 4, 5]]).all(), of.source
+        assert (free.moving[small] < 0.66 * free.own_moving[small]).all(), free.source
+        # Joints 2 and 3 reach it with the servo; before No3's first move nothing tells what joint 2's servo holds.
+        assert (following.ratio[[1, 2]] <= 0.6).all() or following.source.endswith("No3_Acc"), following.source
+        assert following.ratio[2] <= 0.6
+        # Both are below the thesis' map, as printed and by its method on the same logs, on every joint.
+        for other in (two_step, printed):
+            assert (free.ratio < other.ratio).all(), free.source
+    assert [candidate.shape.servo for candidate in study.candidates][1:3] == [True, True]
+
+
+def test_the_two_step_method_finds_its_own_law() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(5000) * 0.008
+    rate = rng.uniform(0.4, 1.1, 6)
+    q = np.array([0.0, -1.2, 0.8, -0.5, 0.4, 0.3]) + 0.9 * np.sin(np.outer(t, rate))
+    qd, qdd = 0.9 * rate * np.cos(np.outer(t, rate)), -0.9 * rate**2 * np.sin(np.outer(t, rate))
+    links = load_model("plant", "ati_gamma")
+    truth = LinearDrive(
+        "made", "", CONSTANT, np.array([0.5, -1.0, 0.3, 0.1, 0.0, 0.0]), np.full(6, 2.0), np.full(6, 1.5), 0.02
+    )
+    columns = {"target_q": q, "target_qd": qd, "target_qdd": qdd, "actual_current": np.zeros_like(q)}
+    recording = Recording({"robot": Table("robot", t, columns)}, "made", "test")
+    columns["actual_current"] = thesis_drive.current(truth, recording, links)
+    fit = thesis_drive.fit_two_step([recording], links).drive
+    # The first step has no offset, so what it calls friction is off by some of that where the offset is not small.
+    assert np.allclose(fit.torque_constant[3:], truth.torque_constant[3:], rtol=0.05)
+    assert np.allclose(fit.coulomb[4:], 2.0, rtol=1e-6)
+    predicted = thesis_drive.current(fit, recording, links)
+    assert (np.abs(predicted - columns["actual_current"]).mean(axis=0)[4:] < 1e-9).all()
+
+
+def test_before_the_first_move_nothing_is_known_of_the_servo(lab_logs: Path) -> None:
+    recording = read(lab_logs / "Movement_No3_Acc", repair=True)
+    ride = terms.ride(recording, load_model("plant"))
+    first_move = np.flatnonzero(recording.robot["target_qd"].any(axis=1))[0]
+    # It rests for 2.5 s, while the arm creeps by 0.04 mrad.
+    assert recording.robot.time[first_move] > 2.0
+    assert not ride.error[:first_move].any()
+    assert ride.error[first_move:].any()
 
 
 def test_ripple_of_real_logs_is_the_gears(lab_logs: Path) -> None:
     """Joint 4's and 6's current unexplained by friction falls by half when the angle's ripple is known."""
     model = load_model("plant", "xsens_mti")
-    rides = [drive_terms.ride(read(lab_logs / f"Movement_{name}", repair=True), model) for name in FREE[:3]]
-    smooth = [shape._replace(orders=()) for shape in drive.SHAPES]
+    rides = [terms.ride(read(lab_logs / f"Movement_{name}", repair=True), model) for name in LOGS[:3]]
+    smooth = [candidate._replace(shape=candidate.shape._replace(orders=())) for candidate in drive.FREE]
     errors = []
-    for shapes in (drive.SHAPES, smooth):
-        fit = drive.fit_rides(rides[:2], shapes=shapes)
-        errors.append(np.abs(drive.predict_current(fit, rides[2]) - rides[2].current).mean(axis=0))
+    for candidates in (drive.FREE, smooth):
+        fit = drive.fit_drive(rides[:2], candidates)
+        errors.append(np.abs(fit.current(rides[2]) - rides[2].current).mean(axis=0))
     # Fits on two short logs; the benchmark's, on four, are three times better with ripple than without.
     assert (errors[0][[3, 5]] < 0.5 * errors[1][[3, 5]]).all()

@@ -143,6 +143,7 @@ class DriveSpec(Strict, frozen=True):
     coulomb_nm: SixNonNegative
     viscous_nm_s_rad: SixNonNegative
     dead_zone_rad_s: NonNegative
+    provenance: dict[str, Any] | None = None
 
 
 class RippleSpec(Strict, frozen=True):
@@ -167,6 +168,30 @@ class JointDrivesSpec(Strict, frozen=True):
     ripple: tuple[RippleSpec, ...] = ()
 
 
+class JointCurrentSpec(Strict, frozen=True):
+    servo: bool
+    moving_s: Positive
+    forgetting_s: Positive
+    servo_forgetting_s: Positive
+    averages_s: tuple[Positive, ...]
+    integral: bool
+    orders: tuple[Annotated[int, msgspec.Meta(gt=0)], ...]
+    delay_s: NonNegative
+    lag_s: NonNegative
+    directed: bool
+    terms: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    standard_errors: tuple[NonNegative, ...]
+
+
+class CurrentMapSpec(Strict, frozen=True):
+    source: str
+    model: str
+    torque_constant_nm_a: SixPositive
+    joint: Annotated[tuple[JointCurrentSpec, ...], msgspec.Meta(min_length=6, max_length=6)]
+    provenance: dict[str, Any] | None = None
+
+
 class TargetCurrentSpec(Strict, frozen=True):
     source: str
     torque_constant_nm_a: SixPositive
@@ -187,12 +212,12 @@ def read(path: Path, kind: type[T]) -> T:
     Raises:
         ModelError: no such file, not TOML, a key is missing or unknown, or a value has the wrong type or range.
     """
-    return convert(_load(path), kind, path.name)
+    return convert(load(path), kind, path.name)
 
 
 def read_named(name: str, kind: type[T]) -> dict[str, T]:
     """Read a shipped file whose top-level tables are all of one ``kind``."""
-    return convert(_load(model_path(name)), dict[str, kind], name)  # type: ignore[valid-type]
+    return convert(load(model_path(name)), dict[str, kind], name)  # type: ignore[valid-type]
 
 
 def choose(choice: str | Path, shipped: str, kind: type[T], what: str) -> tuple[str, T]:
@@ -211,7 +236,7 @@ def choose(choice: str | Path, shipped: str, kind: type[T], what: str) -> tuple[
     path = Path(choice)
     if path.suffix != ".toml":
         raise ModelError(unknown(what, str(choice), presets) + ", or give the path of a .toml file")
-    own = convert(_load(path), dict[str, kind], path.name)  # type: ignore[valid-type]
+    own = convert(load(path), dict[str, kind], path.name)  # type: ignore[valid-type]
     if len(own) != 1:
         raise ModelError(f"{path.name}: {len(own)} tables ({', '.join(own)}), expected one with the keys of {shipped}")
     return next(iter(own.items()))
@@ -260,7 +285,12 @@ def _layouts(kind: Any, seen: set[Any]) -> set[type[msgspec.Struct]]:
     return seen
 
 
-def _load(path: Path) -> Any:
+def load(path: Path) -> Any:
+    """A TOML file, not checked against a layout.
+
+    Raises:
+        ModelError: no such file, or not TOML.
+    """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

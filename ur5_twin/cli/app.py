@@ -177,7 +177,13 @@ def replay(
     target_current: Annotated[
         Path | None, typer.Option(help="TOML of the controller's current law. Default: the one that ships.")
     ] = None,
-    drive: Annotated[str, typer.Option(help="Map from torque to motor current: a preset's name or a TOML.")] = "thesis",
+    drive: Annotated[
+        str | None,
+        typer.Option(
+            help="Map from torque and motion to motor current: lab, lab_following, thesis or a TOML. Default: lab; "
+            "thesis where the log lacks what that needs."
+        ),
+    ] = None,
     tool: Annotated[
         str, typer.Option(autocompletion=complete_tools, help="Tool at the flange of the simulated arm.")
     ] = "none",
@@ -208,6 +214,7 @@ def replay(
     ] = False,
 ) -> None:
     """Replay a log through the twin, in lockstep, and report how they differ."""
+    from ur5_twin.drives import terms
     from ur5_twin.recording import read
     from ur5_twin.terminal import show_replay
     from ur5_twin.twin.replay import replay as run
@@ -217,9 +224,10 @@ def replay(
     if rerun or spawn:
         rerun_view.need_rerun()
     quiet_engine()
-    settings = _settings(model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode)
     source = shipped(path)
     recording = read(source, repair=repair)
+    drive = drive or ("thesis" if terms.missing(recording) else "lab")
+    settings = _settings(model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode)
     folder = output_folder(out, recording, source)
     with progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
@@ -357,10 +365,11 @@ def _settings(
     payload: str,
     mode: Mode,
 ) -> ReplaySettings:
-    from ur5_twin.arm.drive import load_drive, load_joint_drives
+    from ur5_twin.arm.drive import load_joint_drives
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.control.gains import load_gains
     from ur5_twin.control.target_current import load_target_current_law
+    from ur5_twin.drives.current_map import load_drive_map
     from ur5_twin.recording.force_sensor import FT_DELAY
     from ur5_twin.twin.replay import ReplaySettings
 
@@ -375,7 +384,7 @@ def _settings(
         model=load_model(model, payload),
         plant=load_model(plant, tool),
         gains=load_gains(gains),
-        drive=load_drive(drive),
+        drive=load_drive_map(drive),
         target_current=load_target_current_law(target_current),
         mode=mode.value,
         joints=load_joint_drives(joints) if rubs else None,

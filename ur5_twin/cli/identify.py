@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +29,13 @@ ur5-twin replay thursday.csv --joints out/drive/joints.toml
 app = typer.Typer(help="Turn logs of your arm into model files for the twin.", no_args_is_help=True)
 _Logs = Annotated[list[Path], typer.Argument(help="Logs, as 'replay' takes them. More logs, more to check against.")]
 _Repair = Annotated[bool, typer.Option("--repair", help="Repair what is broken in a log and report it.")]
+
+
+class DriveMethod(StrEnum):
+    """How ``identify drive`` finds the map from current to torque."""
+
+    map = "map"
+    thesis = "thesis"
 
 
 @app.command("controller", epilog=_EXAMPLES)
@@ -72,21 +80,40 @@ def identify_controller_current(
 @app.command("drive", epilog=_EXAMPLES)
 def identify_drive(
     logs: _Logs,
+    method: Annotated[
+        DriveMethod,
+        typer.Option(help="[bold]map[/bold]: ours. [bold]thesis[/bold]: its two-step method, (6.1) to (6.6)."),
+    ] = DriveMethod.map,
+    tool: Annotated[str, typer.Option(help="What hung on the flange, as 'replay' takes it.")] = "none",
     out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/drive"),
     repair: _Repair = False,
 ) -> None:
     """Find your arm's torque constants, friction and ripple from logs of free motion.
 
-    Writes joints.toml for 'replay --joints', and a report with the error on each log of a fit to all the others.
+    Writes joints.toml for 'replay --joints', drive.toml and drive_following.toml for 'replay --drive', and a report
+    with the error on each log of a fit to all the others.
     """
+    from ur5_twin.arm.drive import load_drive
     from ur5_twin.arm.parameters import load_model
-    from ur5_twin.identification import drive, drive_plant, drive_result, drive_terms
+    from ur5_twin.drives import terms
+    from ur5_twin.identification import drive, drive_plant, drive_result, thesis_drive
+    from ur5_twin.views.drive_relation import draw_relation
 
     recordings = read_all(logs, repair)
-    model = load_model("plant")
-    plant = drive_plant.fit_plant([drive_terms.ride(recording, model) for recording in recordings])
-    held_out = drive.held_out(recordings, model) if len(recordings) > 1 else []
-    _write(drive_result.drive_result(plant, held_out, recordings, command_line()), out)
+    links = load_model("c", tool)
+    rides = [terms.ride(recording, load_model(drive.MODEL, tool)) for recording in recordings]
+    two_step, free = thesis_drive.fit_two_step(recordings, links), drive.fit_drive(rides)
+    study = None
+    if len(recordings) > 1:
+        with progress("leave one out", len(recordings)) as advance:
+            study = drive.study(recordings, rides, links, load_drive("thesis"), advance)
+    if method is DriveMethod.thesis:
+        result = drive_result.two_step_result(two_step, study.two_step if study else [], recordings, command_line())
+    else:
+        plant = drive_plant.fit_plant(rides)
+        chosen = drive.fit_drive(rides, study.candidates) if study else free
+        result = drive_result.drive_result(plant, free, chosen, study, recordings, command_line())
+    _write(result, out, draw_relation(recordings, rides, links, two_step.drive, free, out / "figures"))
 
 
 @app.command("noise", epilog=_EXAMPLES)
@@ -123,7 +150,7 @@ def _write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> None:
     print(*(f"- {finding}" for finding in result.findings), sep="\n")
     if tables:
         print(f"\n{tables}\n")
-    print(f"written to {folder}: {result.file}, report.md, report.json")
+    print(f"written to {folder}: {', '.join(file.name for file in result.files)}, report.md, report.json")
 
 
 def _errors(result: Result, folder: Path) -> list[Path]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ur5_twin import __version__
+from ur5_twin.control.held import commanded
 from ur5_twin.recording.table import Recording, Table
-from ur5_twin.sources.recorded import commanded
 
 _LIBRARIES = ("mujoco", "dm-control", "numpy", "scipy", "numba", "polars")
 

@@ -20,8 +20,8 @@ from scipy.optimize import lsq_linear
 
 from ur5_twin.arm import files
 from ur5_twin.arm.parameters import N_JOINTS
+from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification import drive_terms as terms
 
 #: Target speed above which friction is sliding, rad/s, and below which the servo follows the ripple, rad/s: order 202
 #: passes at 6 Hz then, below the servo's corner of some 10 Hz.

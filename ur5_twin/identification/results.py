@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -44,6 +44,14 @@ class Numbers:
             raise ValueError(f"{self.title}: {self.values.shape} numbers for {len(self.rows)} x {len(self.columns)}")
 
 
+class ModelFile(NamedTuple):
+    """A model file: its name, what a reader checks it against, and its content in the layout of ``models/*.toml``."""
+
+    name: str
+    layout: Any
+    content: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class Result:
     """What an identification found: a model file, and what a report says about it.
@@ -57,6 +65,7 @@ class Result:
         tables: for the report, errors and uncertainties.
         provenance: command, logs and versions, as ``provenance`` gives them.
         data: what ``report.json`` has besides.
+        others: further model files.
     """
 
     file: str
@@ -67,6 +76,12 @@ class Result:
     tables: tuple[Numbers, ...]
     provenance: dict[str, Any]
     data: dict[str, Any] = field(default_factory=dict)
+    others: tuple[ModelFile, ...] = ()
+
+    @property
+    def files(self) -> tuple[ModelFile, ...]:
+        """All of its model files."""
+        return ModelFile(self.file, self.layout, self.model), *self.others
 
 
 def controller_result(
@@ -172,7 +187,7 @@ def current_result(fit: CurrentFit, recordings: Sequence[Recording], command: st
 
 
 def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
-    """Write the model file, ``report.json`` and ``report.md`` into a folder; returns the report's tables.
+    """Write the model files, ``report.json`` and ``report.md`` into a folder; returns the report's tables.
 
     Args:
         result: what was found.
@@ -182,9 +197,11 @@ def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
     Raises:
         ModelError: the fit found what no such file may hold, a negative coefficient say; nothing is written.
     """
-    files.convert(result.model, result.layout, result.file)
+    for file in result.files:
+        files.convert(file.content, file.layout, file.name)
     tables = "\n\n".join(_table(table) for table in result.tables)
-    write_text(folder / result.file, tomli_w.dumps(result.model))
+    for file in result.files:
+        write_text(folder / file.name, tomli_w.dumps(file.content))
     data = {
         "title": result.title,
         "findings": result.findings,

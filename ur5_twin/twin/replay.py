@@ -14,6 +14,8 @@ from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import FT_SENSOR, ArmModel
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
+from ur5_twin.drives import terms
+from ur5_twin.drives.current_map import CurrentMap
 from ur5_twin.errors import ReplayError, SimulationError
 from ur5_twin.recording import force_sensor
 from ur5_twin.recording.table import Note, Recording
@@ -42,7 +44,8 @@ class ReplaySettings:
         model: what the real controller believes, its payload as tool: predicts target_moment and target_current.
         plant: the model that is simulated, with the tool it carries; in shadow replay the torque that a motion needs.
         gains: PD gains of the closed loop.
-        drive: map from torque and velocity to actual_current.
+        drive: map to actual_current: linear, from the twin's torque and velocity, or the drives' current map, from the
+            log's targets and the angle of the joints.
         target_current: law from target_moment and target_qd to target_current.
         mode: ``servo`` or ``shadow``.
         joints: the simulated arm's motors and gears; None for motors that give what the controller asks for, without
@@ -55,7 +58,7 @@ class ReplaySettings:
     model: ArmModel
     plant: ArmModel
     gains: Gains
-    drive: LinearDrive
+    drive: LinearDrive | CurrentMap
     target_current: TargetCurrentLaw
     mode: Mode = "servo"
     joints: JointDrives | None = None
@@ -75,7 +78,7 @@ def replay(
 
     Returns:
         The recording with ``sim_<signal>`` columns in its robot table: actual_q, actual_qd, actual_TCP_pose, moment
-        (the motors' torque), actual_current (of that torque, through the drive) and, where the log has targets,
+        (the motors' torque), actual_current (by the drive) and, where the log has targets,
         target_moment (inverse dynamics of the target motion) and target_current.
 
     Raises:
@@ -105,13 +108,12 @@ def replay(
         progress(len(source))
 
     robot = recording.robot
-    motion_qd = qd if settings.mode == "servo" else robot["actual_qd"]
     predicted = {
         "sim_actual_q": q,
         "sim_actual_qd": qd,
         "sim_actual_TCP_pose": kinematics.tcp_pose(settings.model, q),
         "sim_moment": moment,
-        "sim_actual_current": current if simulated else settings.drive.current(moment, motion_qd),
+        "sim_actual_current": current if simulated else _current(recording, settings, moment, q, qd),
     }
     if not source.missing_targets:
         target_moment = Dynamics(settings.model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
@@ -135,6 +137,19 @@ def replay(
         what = f"a motor of the twin is at its torque limit in {at_limit.sum():,} of {len(robot):,} rows"
         notes.append(Note(_NOTED_BY, what))
     return replace(recording, tables={**recording.tables, "robot": table}, notes=(*kept, *notes))
+
+
+def _current(
+    recording: Recording, settings: ReplaySettings, moment: np.ndarray, q: np.ndarray, qd: np.ndarray
+) -> np.ndarray:
+    """actual_current (n, 6) in A by the drive; q, qd and moment are the twin's."""
+    servo = settings.mode == "servo"
+    if isinstance(settings.drive, LinearDrive):
+        return settings.drive.current(moment, qd if servo else recording.robot["actual_qd"])
+    arm = settings.drive.rigid().with_tool(settings.plant.tool)
+    return settings.drive.current(
+        terms.ride(recording, arm, settings.target_current, motion=(q, qd) if servo else None)
+    )
 
 
 def _loop(settings: ReplaySettings) -> ClosedLoop:

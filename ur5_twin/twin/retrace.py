@@ -9,11 +9,12 @@ import numpy as np
 from ur5_twin.arm.drive import load_joint_drives
 from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, load_model
 from ur5_twin.control.gains import load_gains
+from ur5_twin.control.held import commanded
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import SimulationError
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import SensorSuite
-from ur5_twin.sources.recorded import RecordedSource, commanded
+from ur5_twin.sources.recorded import RecordedSource
 from ur5_twin.twin.cell import Cell, Setup
 from ur5_twin.twin.closed_loop import Limits
 from ur5_twin.twin.telemetry import Telemetry

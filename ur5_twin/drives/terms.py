@@ -17,11 +17,11 @@ import numpy as np
 
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
+from ur5_twin.control.held import commanded
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
 from ur5_twin.control.tcp_force import last_known, viscous_ratio
-from ur5_twin.errors import IdentificationError
+from ur5_twin.errors import RecordingError
 from ur5_twin.recording.table import Recording
-from ur5_twin.sources.recorded import commanded
 
 #: Target speed above which a joint counts as moving, rad/s: published speeds at rest are below 1e-4.
 MOVING = 1e-3
@@ -82,25 +82,40 @@ class Ride:
         return np.concatenate([[np.median(steps)], steps])
 
 
-def ride(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = None) -> Ride:
+def missing(recording: Recording) -> list[str]:
+    """Signals that a ride needs and the log lacks."""
+    return [name for name in _NEEDED if name not in recording.robot]
+
+
+def ride(
+    recording: Recording,
+    model: ArmModel,
+    law: TargetCurrentLaw | None = None,
+    motion: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Ride:
     """A log for the fit and the prediction.
+
+    Where the servo held the arm before the log's first move no signal tells, so that the position error counts as zero
+    until then.
 
     Args:
         recording: with targets, target_moment and both currents.
         model: the plant's rigid bodies with whatever is bolted to the flange.
         law: the controller's drive law, by default the models' own.
+        motion: positions and speeds, (n, 6) each, of the arm that follows the targets, by default the measured ones.
 
     Raises:
-        IdentificationError: a signal is missing or the log is shorter than 20 rows.
+        RecordingError: a signal is missing or the log is shorter than 20 rows.
     """
     robot = recording.robot
-    missing = [name for name in _NEEDED if name not in robot]
-    if missing:
-        raise IdentificationError(f"{recording.source}: no {', '.join(missing)}; a drive needs {', '.join(_NEEDED)}")
+    if lacking := missing(recording):
+        raise RecordingError(f"{recording.source}: no {', '.join(lacking)}; a drive needs {', '.join(_NEEDED)}")
     if len(robot) < 20:
-        raise IdentificationError(f"{recording.source}: {len(robot)} rows, too few for a drive; 20 at least")
+        raise RecordingError(f"{recording.source}: {len(robot)} rows, too few for a drive; 20 at least")
     q, qd, qdd = (robot[name] for name in _NEEDED[:3])
+    at, speed = (robot["actual_q"], robot["actual_qd"]) if motion is None else motion
     reference = commanded(np.stack([q, qd, qdd], axis=1))[:, 0]
+    started = np.maximum.accumulate((qd != 0.0).any(axis=1) | (qdd != 0.0).any(axis=1))[:, None]
     law = law or load_target_current_law()
     ratio = viscous_ratio(law, qd, robot["target_moment"], robot["target_current"])
     return Ride(
@@ -112,9 +127,9 @@ def ride(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = N
         qdd=qdd,
         ratio=last_known(ratio, np.ones(ratio.shape[1])),
         feed_forward=robot["target_current"],
-        angle=robot["actual_q"],
-        error=robot["actual_q"] - reference,
-        speed_error=robot["actual_qd"] - qd,
+        angle=at,
+        error=np.where(started, at - reference, 0.0),
+        speed_error=np.where(started, speed - qd, 0.0),
         current=robot["actual_current"],
     )
 
@@ -153,6 +168,11 @@ def friction_columns(of: Ride, joint: int) -> np.ndarray:
     return np.stack([of.torque[:, joint], sign, np.abs(sign), load, viscous, *fading], axis=1)
 
 
+def friction_names() -> list[str]:
+    """Names of ``friction_columns``."""
+    return ["torque", "coulomb", "asymmetry", "load", "viscous", *(f"fading_{speed:g}" for speed in RISE_SPEEDS)]
+
+
 def servo_columns(of: Ride, joint: int, times: tuple[float, ...], integral: bool) -> np.ndarray:
     """What a servo's torque follows: error and speed error of three rows, averages of the error, its integral.
 
@@ -168,6 +188,12 @@ def servo_columns(of: Ride, joint: int, times: tuple[float, ...], integral: bool
         columns.append(np.cumsum(error * step) * 10.0)
     columns += [kept(error[:, None], np.minimum(step / time, 1.0))[:, 0] for time in times]
     return np.stack([*columns, of.qd[:, joint], 0.1 * of.qdd[:, joint]], axis=1)
+
+
+def servo_names(times: tuple[float, ...], integral: bool) -> list[str]:
+    """Names of ``servo_columns``."""
+    names = [f"{of}_{lag}" for lag in range(3) for of in ("error", "speed_error")]
+    return [*names, *(["integral"] if integral else []), *(f"average_{t:g}" for t in times), "speed", "acceleration"]
 
 
 def ripple_columns(
@@ -189,3 +215,9 @@ def ripple_columns(
         wave = np.exp(1j * order * (of.angle[:, joint] - delay * qd)) / (1.0 + 1j * order * qd * lag)
         columns += [wave.real, wave.imag] + ([wave.real * sign, wave.imag * sign] if directed else [])
     return np.stack(columns, axis=1) if columns else np.empty((len(qd), 0))
+
+
+def ripple_names(orders: tuple[int, ...], *, directed: bool) -> list[str]:
+    """Names of ``ripple_columns``."""
+    kinds = ("cosine", "sine", "cosine_directed", "sine_directed") if directed else ("cosine", "sine")
+    return [f"{kind}_{order}" for order in orders for kind in kinds]

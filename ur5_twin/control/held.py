@@ -1,0 +1,27 @@
+"""What the servo holds, from what the controller publishes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Deceleration that ends a move and is no rounding, rad/s^2.
+_BRAKING = 1e-2
+
+
+def commanded(target: np.ndarray) -> np.ndarray:
+    """Targets (n, 3, 6) as the servo holds them, from the ones that are published.
+
+    While the arm is idle the real controller publishes as target_q what it measured a tick earlier, and so a push at
+    standstill shows in target_q too; the servo goes on holding the end of the last move, to which the arm returns.
+    Rows without target velocity and acceleration therefore hold the end of the last move, or the first row. Where rows
+    are missing the last row of a move is not its end; it is where that row's deceleration brings the joint to rest,
+    q + qd |qd| / (2 |qdd|).
+    """
+    q, qd, qdd = target[:, 0], target[:, 1], target[:, 2]
+    idle = np.asarray(~target[:, 1:].any(axis=(1, 2)))
+    braking = (qd * qdd < 0.0) & (np.abs(qdd) > _BRAKING)
+    end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
+    last = np.maximum.accumulate(np.where(idle, -1, np.arange(len(target))))
+    held = target.copy()
+    held[:, 0] = np.where(idle[:, None], np.where(last[:, None] < 0, q[:1], end[np.maximum(last, 0)]), q)
+    return held

@@ -1,0 +1,1 @@
+"""The real drives as logs show them: from torque and motion to the motors' current."""

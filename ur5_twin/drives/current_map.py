@@ -1,0 +1,225 @@
+"""The map from torque and motion to the measured current, with the gears' ripple and what rest remembers.
+
+Per joint, with kept() and passed() of ``drives.terms``::
+
+    i = kept(tau / k + friction) + ripple(q) [+ passed(i_target + PID(error))]
+
+- tau is the plant's inverse dynamics of the target motion; friction is Coulomb (per direction), load-dependent, viscous
+  with the controller's own correction for temperature, and falls towards standstill; kept() lets a joint at rest
+  remember the friction it stopped with.
+- ripple has whole periods per revolution of the joint: 404 (four per motor turn at gear 101) and its neighbours for the
+  small joints, 200, 202 and 404 for the big ones. It stays at rest, where it is a constant that depends on the angle.
+- the bracket is the servo: feed-forward and the answer to the measured position error, of which only the fast part
+  counts while the joint moves. A joint whose ``Shape.servo`` is false does without it.
+
+With the servo the map predicts big joints best, and it contains every push the servo answers: an estimator of contact
+does without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ur5_twin.arm import files
+from ur5_twin.arm.drive import LinearDrive, load_drive
+from ur5_twin.arm.parameters import N_JOINTS, ArmModel, load_model
+from ur5_twin.drives import terms
+from ur5_twin.errors import ModelError, unknown
+
+_KINDS = (("current_maps.toml", files.CurrentMapSpec), ("drives.toml", files.DriveSpec))
+#: Rows before the first move whose mean current tells what the joints remember of earlier moves, 80 ms.
+_TARE_ROWS = 10
+#: Time constant with which that is forgotten once a joint moves, s.
+_TARE_FORGOTTEN = 0.1
+#: A joint at rest for ever forgets nothing, s.
+_NEVER = 1e9
+
+
+class Shape(NamedTuple):
+    """How a joint's terms remember and see the ripple. Times in s.
+
+    Attributes:
+        servo: whether the servo's answer to the measured position error is in it.
+        moving: of kept() and passed() while the joint moves.
+        forgetting, servo_forgetting: of kept() and of passed() while it rests.
+        averages: time constants of the averaged position error.
+        integral: whether the servo has an integral.
+        orders: of the ripple, periods per revolution.
+        delay, lag: of the ripple's answer in the current.
+        directed: whether the ripple differs with the direction.
+    """
+
+    servo: bool
+    moving: float
+    forgetting: float
+    servo_forgetting: float
+    averages: tuple[float, ...]
+    integral: bool
+    orders: tuple[int, ...]
+    delay: float
+    lag: float
+    directed: bool
+
+    def names(self) -> list[str]:
+        """Names of the coefficients, in the order of ``columns``."""
+        servo = terms.servo_names(self.averages, self.integral) if self.servo else []
+        return [*terms.friction_names(), *servo, *terms.ripple_names(self.orders, directed=self.directed)]
+
+
+@dataclass(frozen=True)
+class CurrentMap:
+    """Coefficients of the map.
+
+    Attributes:
+        name: of the preset, or the file's.
+        source: where the numbers come from.
+        model: name of the rigid-body model that gives tau.
+        torque_constant: (6,) known torque constants that 1/k is measured from, Nm/A.
+        shapes: per joint.
+        coefficients: per joint, in the order of ``Shape.names``.
+        errors: their standard errors.
+    """
+
+    name: str
+    source: str
+    model: str
+    torque_constant: np.ndarray
+    shapes: tuple[Shape, ...]
+    coefficients: tuple[np.ndarray, ...]
+    errors: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        if not (self.torque_constant > 0).all():
+            raise ModelError(f"{self.name}: torque constants must be positive, not {self.torque_constant} Nm/A")
+        for j, (shape, found) in enumerate(zip(self.shapes, self.coefficients, strict=True), start=1):
+            if len(found) != len(shape.names()):
+                raise ModelError(
+                    f"{self.name}: joint {j} has {len(found)} coefficients, its terms {len(shape.names())}: "
+                    f"{', '.join(shape.names())}"
+                )
+
+    def rigid(self) -> ArmModel:
+        """The rigid bodies that the map was fitted with, nothing at the flange."""
+        return load_model(self.model)
+
+    def current(self, of: terms.Ride, *, tare: bool = False) -> np.ndarray:
+        """Expected actual_current (n, 6) in A; row k uses rows up to k only.
+
+        Args:
+            of: the log.
+            tare: take what the joints remember at the log's start from actual_current of its first ten rows (80 ms), as
+                a force sensor is tared; those rows then use one another. Without it no current is used.
+        """
+        predicted = np.empty_like(of.angle)
+        for j, (shape, x) in enumerate(zip(self.shapes, self.coefficients, strict=True)):
+            made, known = columns(of, j, shape, self.torque_constant[j])
+            predicted[:, j] = known + made @ x
+            if tare:
+                predicted[:, j] += start(of, j, of.current[:, j] - predicted[:, j])
+        return predicted
+
+
+def columns(of: terms.Ride, j: int, shape: Shape, constant: float) -> tuple[np.ndarray, np.ndarray]:
+    """What joint j's coefficients multiply (n, m), and the current (n,) that is known without them, A."""
+    slow = terms.kept(terms.friction_columns(of, j), terms.leak(of, j, shape.moving, shape.forgetting))
+    known = slow[:, 0] / constant
+    made = [slow]
+    if shape.servo:
+        a = terms.leak(of, j, shape.moving, shape.servo_forgetting)
+        made.append(terms.passed(terms.servo_columns(of, j, shape.averages, shape.integral), a))
+        known = known + terms.passed(of.feed_forward[:, j : j + 1], a)[:, 0]
+    made.append(terms.ripple_columns(of, j, shape.orders, shape.delay, shape.lag, directed=shape.directed))
+    return np.concatenate(made, axis=1), known
+
+
+def start(of: terms.Ride, j: int, values: np.ndarray) -> np.ndarray:
+    """What ``values`` (n,) or (n, m) are at the log's start, forgotten as joint j moves; the shape of ``values``."""
+    memory = np.cumprod(1.0 - terms.leak(of, j, _TARE_FORGOTTEN, _NEVER))
+    return np.multiply.outer(memory, values[:_TARE_ROWS].mean(axis=0))
+
+
+def load_current_map(name: str | Path = "lab") -> CurrentMap:
+    """A map by name (``models/current_maps.toml``) or from a file with one table of the same keys.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    key, spec = files.choose(name, "current_maps.toml", files.CurrentMapSpec, "drive")
+    shapes = []
+    for j, joint in enumerate(spec.joint, start=1):
+        shape = Shape(
+            joint.servo,
+            joint.moving_s,
+            joint.forgetting_s,
+            joint.servo_forgetting_s,
+            joint.averages_s,
+            joint.integral,
+            joint.orders,
+            joint.delay_s,
+            joint.lag_s,
+            joint.directed,
+        )
+        if list(joint.terms) != shape.names():
+            raise ModelError(f"{key}: joint {j}'s terms are {list(joint.terms)}, expected {shape.names()}")
+        shapes.append(shape)
+    return CurrentMap(
+        name=key,
+        source=spec.source,
+        model=spec.model,
+        torque_constant=np.array(spec.torque_constant_nm_a),
+        shapes=tuple(shapes),
+        coefficients=tuple(np.array(joint.coefficients) for joint in spec.joint),
+        errors=tuple(np.array(joint.standard_errors) for joint in spec.joint),
+    )
+
+
+def load_drive_map(name: str | Path) -> CurrentMap | LinearDrive:
+    """A map of either kind: a preset of ``current_maps.toml`` or ``drives.toml`` by name, or a file like one of them.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    maps, linear = (files.read_named(file, kind) for file, kind in _KINDS)
+    key = str(name).lower().replace("-", "_")
+    if key in linear:
+        return load_drive(name)
+    if key in maps:
+        return load_current_map(name)
+    if Path(name).suffix != ".toml":
+        raise ModelError(unknown("drive", str(name), [*maps, *linear]) + ", or give the path of a .toml file")
+    is_map = any(isinstance(of, dict) and "joint" in of for of in files.load(Path(name)).values())
+    return load_current_map(name) if is_map else load_drive(name)
+
+
+def table(of: CurrentMap) -> dict[str, object]:
+    """A map in the layout of a table of ``models/current_maps.toml``, coefficients to six digits."""
+    joints = []
+    for shape, found, errors in zip(of.shapes, of.coefficients, of.errors, strict=True):
+        joints.append(
+            {
+                "servo": shape.servo,
+                "moving_s": shape.moving,
+                "forgetting_s": shape.forgetting,
+                "servo_forgetting_s": shape.servo_forgetting,
+                "averages_s": list(shape.averages),
+                "integral": shape.integral,
+                "orders": list(shape.orders),
+                "delay_s": shape.delay,
+                "lag_s": shape.lag,
+                "directed": shape.directed,
+                "terms": shape.names(),
+                "coefficients": [float(f"{x:.6g}") for x in found],
+                "standard_errors": [float(f"{x:.2g}") for x in errors],
+            }
+        )
+    assert len(joints) == N_JOINTS
+    return {
+        "source": of.source,
+        "model": of.model,
+        "torque_constant_nm_a": of.torque_constant.tolist(),
+        "joint": joints,
+    }
