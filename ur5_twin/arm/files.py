@@ -168,6 +168,13 @@ class JointDrivesSpec(Strict, frozen=True):
     ripple: tuple[RippleSpec, ...] = ()
 
 
+class CurrentErrorSpec(Strict, frozen=True):
+    slow_a: Positive
+    slow_s: Positive
+    fast_a: Positive
+    fast_s: Positive
+
+
 class JointCurrentSpec(Strict, frozen=True):
     servo: bool
     moving_s: Positive
@@ -182,6 +189,8 @@ class JointCurrentSpec(Strict, frozen=True):
     terms: tuple[str, ...]
     coefficients: tuple[float, ...]
     standard_errors: tuple[NonNegative, ...]
+    error_moving: CurrentErrorSpec
+    error_at_rest: CurrentErrorSpec
 
 
 class CurrentMapSpec(Strict, frozen=True):

@@ -111,7 +111,11 @@ def identify_drive(
         result = drive_result.two_step_result(two_step, study.two_step if study else [], recordings, command_line())
     else:
         plant = drive_plant.fit_plant(rides)
-        chosen = drive.fit_drive(rides, study.candidates) if study else free
+        candidates = study.candidates if study else drive.FREE
+        chosen = drive.fit_drive(rides, candidates)
+        with progress("errors", 12) as advance:
+            free = drive.with_residuals(free, drive.FREE, rides, advance)
+            chosen = drive.with_residuals(chosen, candidates, rides, lambda done: advance(6 + done))
         result = drive_result.drive_result(plant, free, chosen, study, recordings, command_line())
     _write(result, out, draw_relation(recordings, rides, links, two_step.drive, free, out / "figures"))
 

@@ -70,6 +70,29 @@ class Shape(NamedTuple):
         return [*terms.friction_names(), *servo, *terms.ripple_names(self.orders, directed=self.directed)]
 
 
+#: A joint sticks with what it stopped with: for SETTLING s after a stop the slow part of the error forgets in
+#: SETTLING_TIME s.
+SETTLING, SETTLING_TIME = 0.1, 0.05
+
+
+class Residual(NamedTuple):
+    """How a joint's map is wrong on logs it has not seen: standard deviations in A and time constants in s.
+
+    Attributes:
+        slow, slow_time, fast, fast_time: of the two parts of the error while the joint moves.
+        rest_slow, rest_slow_time, rest_fast, rest_fast_time: while it rests.
+    """
+
+    slow: float
+    slow_time: float
+    fast: float
+    fast_time: float
+    rest_slow: float
+    rest_slow_time: float
+    rest_fast: float
+    rest_fast_time: float
+
+
 @dataclass(frozen=True)
 class CurrentMap:
     """Coefficients of the map.
@@ -82,6 +105,7 @@ class CurrentMap:
         shapes: per joint.
         coefficients: per joint, in the order of ``Shape.names``.
         errors: their standard errors.
+        residuals: per joint, how the map errs.
     """
 
     name: str
@@ -91,6 +115,7 @@ class CurrentMap:
     shapes: tuple[Shape, ...]
     coefficients: tuple[np.ndarray, ...]
     errors: tuple[np.ndarray, ...]
+    residuals: tuple[Residual, ...]
 
     def __post_init__(self) -> None:
         if not (self.torque_constant > 0).all():
@@ -174,7 +199,13 @@ def load_current_map(name: str | Path = "lab") -> CurrentMap:
         shapes=tuple(shapes),
         coefficients=tuple(np.array(joint.coefficients) for joint in spec.joint),
         errors=tuple(np.array(joint.standard_errors) for joint in spec.joint),
+        residuals=tuple(_residual(joint.error_moving, joint.error_at_rest) for joint in spec.joint),
     )
+
+
+def _residual(moving: files.CurrentErrorSpec, rest: files.CurrentErrorSpec) -> Residual:
+    parts = (moving, rest)
+    return Residual(*(x for part in parts for x in (part.slow_a, part.slow_s, part.fast_a, part.fast_s)))
 
 
 def load_drive_map(name: str | Path) -> CurrentMap | LinearDrive:
@@ -198,7 +229,11 @@ def load_drive_map(name: str | Path) -> CurrentMap | LinearDrive:
 def table(of: CurrentMap) -> dict[str, object]:
     """A map in the layout of a table of ``models/current_maps.toml``, coefficients to six digits."""
     joints = []
-    for shape, found, errors in zip(of.shapes, of.coefficients, of.errors, strict=True):
+    for shape, found, errors, residual in zip(of.shapes, of.coefficients, of.errors, of.residuals, strict=True):
+        parts = [
+            dict(zip(("slow_a", "slow_s", "fast_a", "fast_s"), (float(f"{x:.3g}") for x in part), strict=True))
+            for part in (residual[:4], residual[4:])
+        ]
         joints.append(
             {
                 "servo": shape.servo,
@@ -214,6 +249,8 @@ def table(of: CurrentMap) -> dict[str, object]:
                 "terms": shape.names(),
                 "coefficients": [float(f"{x:.6g}") for x in found],
                 "standard_errors": [float(f"{x:.2g}") for x in errors],
+                "error_moving": parts[0],
+                "error_at_rest": parts[1],
             }
         )
     assert len(joints) == N_JOINTS

@@ -7,6 +7,7 @@ penalties. Whether a joint's map has the servo in it is chosen by the error on l
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,9 @@ from ur5_twin.arm.drive import LinearDrive
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.drives import terms
-from ur5_twin.drives.current_map import CurrentMap, Shape, columns, start
+from ur5_twin.drives.current_map import CurrentMap, Residual, Shape, columns, start
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification import thesis_drive
+from ur5_twin.identification import residual, thesis_drive
 from ur5_twin.recording.table import Recording
 
 #: Errors below count squared, those above absolutely, A: some steps of the current's scale (2.2 mA).
@@ -25,6 +26,8 @@ _SMALL_ERROR = 0.05
 _SWEEPS = 6
 #: Blocks of the standard errors' estimate, rows (1 s): errors of a block may be correlated.
 _BLOCK = 125
+#: Spread of the torque behind a gear that is too small to tell load-dependent friction, Nm, and that term's column.
+_LEAST_LOAD, _LOAD = 0.8, terms.friction_names().index("load")
 #: Logs from which on the map's form is chosen.
 _ENOUGH_TO_CHOOSE = 3
 
@@ -87,6 +90,8 @@ FOLLOWING = (
         Penalty(3.0, 0.2, 0.1),
     ),
 )
+#: Of a map that has not been tried on other logs.
+_UNKNOWN = Residual(*[1.0] * 8)
 #: Name of the rigid-body model in the fits.
 MODEL = "plant"
 
@@ -101,6 +106,8 @@ def fit_drive(
         candidates: per joint.
         torque_constant: (6,) Nm/A known before, by default the controller's own, which no measured
             current went into.
+
+    Where the torque behind a gear hardly changes, its load-dependent friction counts as none.
 
     Raises:
         IdentificationError: a joint never moves.
@@ -118,12 +125,35 @@ def fit_drive(
             rest = of.current[:, j] - sure
             parts.append((made - start(of, j, made), rest - start(of, j, rest)))
         made, rest = np.concatenate([c for c, _ in parts]), np.concatenate([r for _, r in parts])
+        if np.concatenate([of.link[of.moving[:, j], j] for of in rides]).std() < _LEAST_LOAD:
+            made[:, _LOAD] = 0.0
         found, spread = _least_absolute(made, rest, _penalties(shape, penalty))
         coefficients.append(found)
         errors.append(spread)
     shapes = tuple(candidate.shape for candidate in candidates)
     source = f"identified from {', '.join(of.source for of in rides)}"
-    return CurrentMap("identified", source, MODEL, known, shapes, tuple(coefficients), tuple(errors))
+    return CurrentMap(
+        "identified", source, MODEL, known, shapes, tuple(coefficients), tuple(errors), (_UNKNOWN,) * N_JOINTS
+    )
+
+
+def with_residuals(
+    found: CurrentMap,
+    candidates: Sequence[Candidate],
+    rides: Sequence[terms.Ride],
+    progress: Callable[[int], object] = lambda done: None,
+) -> CurrentMap:
+    """The map with how it errs, by fits of the same form on all logs but one; a single log is its own judge.
+
+    Args:
+        found: fitted to all the rides.
+        candidates: the form it was fitted in.
+        rides: the logs.
+        progress: called with the number of joints done.
+    """
+    maps = [found if len(rides) == 1 else fit_drive(_without(rides, of), candidates) for of in rides]
+    errors = [of.current - made.current(of) for of, made in zip(rides, maps, strict=True)]
+    return replace(found, residuals=residual.fit_residual(rides, errors, progress))
 
 
 class HeldOut(NamedTuple):
