@@ -6,12 +6,15 @@ and o is 0 as far as the nominal model knows. Unloaded, what the motion needs sa
     L (p' - C' qd + g) = a L motor - c L dry - v L viscous + o,    L the observer's own low-pass
 
 so no acceleration is needed, and the external torque is the difference of both sides. Recursive least squares with a
-prior (``prior_share`` of a, c, v; ``offset_nm``) brings the four up to date at a sample only if
+prior (``constant_share`` of a, ``friction_share`` of c and v, ``offset_nm``) brings the four up to date at a sample only if
 
 - the probability of contact has been below ``contact`` for ``quiet_s``,
 - the joint moves, since at rest friction may be anything,
-- the sample tells something: phi' P phi is more than ``excitation`` of the noise. It forgets only then, and never more
-  than it knew at first, so that a long rest or an even motion wipes nothing out.
+- the sample tells something: phi' P phi is more than ``excitation`` of the noise. It forgets only then, back towards
+  the nominal model within ``forgetting_s``: a long rest wipes nothing out, and an even motion cannot carry it away.
+
+The noise is that of the filtered torque and, over ``correlation_s``, what the law may be wrong by for long: a push too
+weak to be told from friction is learnt as friction, but slowly.
 """
 
 from __future__ import annotations
@@ -46,7 +49,8 @@ class AdaptiveObserver(MomentumEstimator):
         self._spec = spec
         self.scale = np.tile([1.0, 1.0, 1.0, 0.0], (6, 1))
         self._prior = np.empty((6, _N))
-        self._prior[:, :3] = spec.prior_share**2
+        self._prior[:, 0] = spec.constant_share**2
+        self._prior[:, 1:3] = spec.friction_share**2
         self._prior[:, 3] = np.square(spec.offset_nm)
         self._P = np.stack([np.diag(row) for row in self._prior])
         # Low-passed: need, motor, dry, viscous; and the last sample's motor, dry, viscous, of which means are taken.
@@ -77,6 +81,7 @@ class AdaptiveObserver(MomentumEstimator):
             arm.bias,
             arm.sample.target_qd,
             self._quiet >= self._spec.quiet_s,
+            self._spec.correlation_s,
             math.exp(-arm.dt / self._spec.forgetting_s),
             self._spec.excitation,
             self._prior,
@@ -91,7 +96,7 @@ class AdaptiveObserver(MomentumEstimator):
 
 @njit(cache=True, nogil=True)
 def _learn(
-    gain, dt, rate, drive, motor, dry, viscous, white, momentum, bias, target_qd, quiet, kept, excitation, prior,
+    gain, dt, rate, drive, motor, dry, viscous, white, momentum, bias, target_qd, quiet, correlation, kept, excitation, prior,
     before, smooth, scale, P, tau, variance,
 ):  # pragma: no cover - compiled  # fmt: skip
     phi, gains = np.empty(_N), np.empty(_N)
@@ -118,20 +123,14 @@ def _learn(
             for k in range(_N):
                 gains[i] += P[j, i, k] * phi[k]
             told += gains[i] * phi[i]
-        # What the law is wrong by for long is no noise of the parameters, but it is no better known than that either.
-        level = noise + bias[j]
+        # What the law is wrong by lasts: samples of a whole correlation time say no more of it than one.
+        level = noise + bias[j] * max(correlation / dt, 1.0)
         if told <= excitation * level:
             continue
         for i in range(_N):
-            scale[j, i] += gains[i] / (level + told) * tau[j]
-        forget = 1.0
-        for i in range(_N):
+            # Each parameter wanders about what was believed at first, and never becomes less certain than that.
+            nominal = 1.0 if i < _N - 1 else 0.0
+            scale[j, i] = nominal + kept * (scale[j, i] + gains[i] / (level + told) * tau[j] - nominal)
             for k in range(_N):
-                P[j, i, k] -= gains[i] * gains[k] / (level + told)
-        for i in range(_N):
-            if P[j, i, i] > kept * prior[j, i]:
-                forget = 0.0
-        if forget == 1.0:
-            for i in range(_N):
-                for k in range(_N):
-                    P[j, i, k] /= kept
+                P[j, i, k] = kept * kept * (P[j, i, k] - gains[i] * gains[k] / (level + told))
+            P[j, i, i] += (1.0 - kept * kept) * prior[j, i]

@@ -68,8 +68,10 @@ class AdaptiveSpec(Strict, frozen=True):
     source: str
     gain_1_s: SixPositive
     forgetting_s: Positive
-    prior_share: Positive
+    constant_share: Positive
+    friction_share: Positive
     offset_nm: SixPositive
+    correlation_s: Positive
     quiet_s: NonNegative
     contact: _Share
     excitation: Positive
