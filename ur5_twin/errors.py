@@ -38,6 +38,10 @@ class IdentificationError(TwinError):
     """The recordings cannot carry the fit that was asked for; the message says what they lack."""
 
 
+class EstimationError(TwinError):
+    """An estimator cannot be had, or a recording lacks what it needs; the message says what."""
+
+
 class FetchError(TwinError):
     """Public logs could not be fetched or their checksums differ."""
 

@@ -22,16 +22,18 @@ at the flange's origin in base axes: the negative of the wrench on the arm.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from ur5_twin.arm import files, kinematics
 from ur5_twin.arm.parameters import N_JOINTS
-from ur5_twin.control.target_current import TargetCurrentLaw, driving_share, load_target_current_law
+from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
 
 #: Determinant of the Jacobian below which it is not inverted, m^3.
 _SINGULAR = 1e-9
@@ -141,14 +143,41 @@ def viscous_ratio(
         law: the drives' law, of which torque constant, load and the ratio of the viscous branches are taken for true.
         target_qd, target_moment, target_current: (n, 6) rad/s, Nm and A.
     """
-    driving = driving_share(target_moment, target_qd)
-    viscous = (driving * law.viscous_driving + (1.0 - driving) * law.viscous_backdriven) * target_qd
-    rest = target_current - target_moment / law.torque_constant
-    rest = rest - law.load * np.abs(target_moment) * np.sign(target_qd)
-    told = (np.abs(target_qd) > _TELLS_VISCOUS) & (np.abs(target_moment) > _LOADED) & (viscous != 0.0)
-    ratio = np.full(target_qd.shape, np.nan)
-    np.divide(rest, viscous, out=ratio, where=told)
-    return np.where((ratio > _RATIOS[0]) & (ratio < _RATIOS[1]), ratio, np.nan)
+    rows = np.broadcast_arrays(target_qd, target_moment, target_current)
+    ratio = np.empty(rows[0].shape)
+    _viscous_ratios(
+        np.ascontiguousarray(rows[0], dtype=float),
+        np.ascontiguousarray(rows[1], dtype=float),
+        np.ascontiguousarray(rows[2], dtype=float),
+        law.torque_constant,
+        law.load,
+        law.viscous_driving,
+        law.viscous_backdriven,
+        ratio,
+    )
+    return ratio
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def viscous_ratio_of(qd, moment, current, constant, load, viscous_driving, viscous_backdriven):  # pragma: no cover
+    """``viscous_ratio`` for one joint at one sample."""
+    if not (abs(qd) > _TELLS_VISCOUS and abs(moment) > _LOADED):
+        return math.nan
+    sign = 1.0 if qd > 0.0 else -1.0
+    viscous = (viscous_driving if moment * sign > 0.0 else viscous_backdriven) * qd
+    if viscous == 0.0:
+        return math.nan
+    ratio = (current - moment / constant - load * abs(moment) * sign) / viscous
+    return ratio if _RATIOS[0] < ratio < _RATIOS[1] else math.nan
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _viscous_ratios(qd, moment, current, constant, load, driving, backdriven, out):  # pragma: no cover - compiled
+    for k in range(qd.shape[0]):
+        for j in range(qd.shape[1]):
+            out[k, j] = viscous_ratio_of(
+                qd[k, j], moment[k, j], current[k, j], constant[j], load[j], driving[j], backdriven[j]
+            )
 
 
 def external_torque(
