@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 #: Deceleration that ends a move and is no rounding, rad/s^2.
-_BRAKING = 1e-2
+BRAKING = 1e-2
 
 
 def commanded(target: np.ndarray) -> np.ndarray:
@@ -19,7 +19,7 @@ def commanded(target: np.ndarray) -> np.ndarray:
     """
     q, qd, qdd = target[:, 0], target[:, 1], target[:, 2]
     idle = np.asarray(~target[:, 1:].any(axis=(1, 2)))
-    braking = (qd * qdd < 0.0) & (np.abs(qdd) > _BRAKING)
+    braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
     end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
     last = np.maximum.accumulate(np.where(idle, -1, np.arange(len(target))))
     held = target.copy()

@@ -12,6 +12,7 @@ from ur5_twin.arm import dynamics, kinematics
 from ur5_twin.arm.drive import JointDrives, LinearDrive, drives_of, load_drive, load_joint_drives
 from ur5_twin.arm.parameters import ArmModel, load_model
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
+from ur5_twin.drives.current_map import CurrentMap, load_current_map
 from ur5_twin.estimation.settings import Settings, load_settings
 from ur5_twin.sensing.specs import load_sensors
 
@@ -42,6 +43,7 @@ class NominalModel:
         arm: rigid bodies, rotors and gravity, with the tool that the estimator was told of.
         drives: torque constants, friction and ripple of the joints.
         law: the controller's own current law, which tells the drives' temperature.
+        current_map: the drives as identified, from torque and motion to current, without the servo.
         linear: the thesis' map from current to torque, for the estimators that use no other.
         noise: of the signals.
         settings: gains and levels.
@@ -50,6 +52,7 @@ class NominalModel:
     arm: ArmModel
     drives: JointDrives
     law: TargetCurrentLaw
+    current_map: CurrentMap
     linear: LinearDrive
     noise: Noise
     settings: Settings
@@ -71,6 +74,7 @@ def load_nominal(
     joints: str | Path | None = None,
     *,
     drive: str | Path = "thesis",
+    current_map: str | Path = "lab",
     sensors: str | Path = "lab",
     settings: Path | None = None,
 ) -> NominalModel:
@@ -80,6 +84,7 @@ def load_nominal(
         arm: rigid bodies (``load_model``).
         tool: what is bolted to the flange as far as the estimator was told (``load_tool``).
         joints: motors and gears (``load_joint_drives``), by default the arm model's own.
+        current_map: the drives for ``friction_kalman`` (``load_current_map``).
         drive: map from current to torque of ``direct`` and ``direct_friction`` (``load_drive``).
         sensors: noise of the signals (``load_sensors``).
         settings: gains, by default ``models/estimators.toml``.
@@ -95,6 +100,7 @@ def load_nominal(
         arm=model,
         drives=drives_of(model) if joints is None else load_joint_drives(joints),
         law=load_target_current_law(),
+        current_map=load_current_map(current_map),
         linear=load_drive(drive),
         noise=Noise(
             current=np.hypot(_six(suite.current.noise), _six(suite.current.step) / np.sqrt(12.0)),

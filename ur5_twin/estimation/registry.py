@@ -29,6 +29,7 @@ BUILT_IN: Mapping[str, str] = {
     "disturbance_kalman": "disturbance_kalman:DisturbanceKalman",
     "adaptive_observer": "adaptive_observer:AdaptiveObserver",
     "accelerometer_aided": "accelerometer_aided:AccelerometerAided",
+    "friction_kalman": "friction_kalman:FrictionKalman",
 }
 #: Methods that need the whole log before they say anything about its beginning. They are no estimators.
 NOT_CAUSAL: Mapping[str, str] = {

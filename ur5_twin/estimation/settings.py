@@ -85,6 +85,14 @@ class AccelerometerSpec(Strict, frozen=True):
     bias_s: Positive
 
 
+class FrictionKalmanSpec(Strict, frozen=True):
+    source: str
+    force_n: Positive
+    moment_nm: Positive
+    push_s: Positive
+    prior_contact: _Share
+
+
 class DetectionSpec(Strict, frozen=True):
     source: str
     on: _Share
@@ -115,6 +123,7 @@ class Settings(Strict, frozen=True):
     disturbance_kalman: DisturbanceKalmanSpec
     adaptive_observer: AdaptiveSpec
     accelerometer_aided: AccelerometerSpec
+    friction_kalman: FrictionKalmanSpec
     detection: DetectionSpec
     localisation: LocalisationSpec
 

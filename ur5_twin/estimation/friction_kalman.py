@@ -1,0 +1,192 @@
+"""Our estimator: a Kalman filter in which wrench and friction compete for what the current map does not explain.
+
+The measurement is, per joint, the torque that the measured current has over the expected one
+(``estimation.expected_current``), against the motor::
+
+    (i_map - i) / slope = J' w + slow + fast
+
+- w, the wrench at the flange, wanders about zero with a given size and time constant (Gauss-Markov): a push;
+- slow and fast, per joint, are how the map errs on logs it has not seen, with the sizes and time constants that its
+  identification found for motion and for rest (``identification.residual``). At rest slow is large and lasting: a gear
+  sticks with whatever it stopped with, and that is no contact.
+
+So a torque that fits no wrench of ordinary size is friction, one that appears while all joints rest and fits a wrench
+is a push, and in motion the ripple is averaged as long as its own correlation asks for. It starts untouched, as a force
+sensor is tared. What no joint feels near a singularity stays at the prior. The filter's covariance is the estimate's;
+the probability of contact is the Bayes factor of w = 0 (Savage and Dickey).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ur5_twin.drives.current_map import SETTLING, SETTLING_TIME
+from ur5_twin.estimation.expected_current import ExpectedCurrent
+from ur5_twin.estimation.intake import Intake, Step
+from ur5_twin.estimation.nominal import NominalModel
+from ur5_twin.estimation.protocol import Estimate, Sample
+from ur5_twin.estimation.wrench import WrenchSolver
+
+_NEEDED = (
+    "target_q",
+    "target_qd",
+    "target_qdd",
+    "target_moment",
+    "target_current",
+    "actual_q",
+    "actual_current",
+)
+#: An innovation beyond this many standard deviations counts as that many: a spike is no push.
+_LARGEST = 5.0
+#: Variance of a torque that the filter takes for exact, Nm^2; it keeps the innovation's from vanishing.
+_LEAST = 1e-3
+
+
+class FrictionKalman:
+    """The filter above, with the push of ``[friction_kalman]``."""
+
+    def __init__(self, nominal: NominalModel) -> None:
+        spec = nominal.settings.friction_kalman
+        self._expected = ExpectedCurrent(nominal)
+        self._intake = Intake(_NEEDED)
+        self._solver = WrenchSolver(nominal)
+        self._push = np.array([spec.force_n**2] * 3 + [spec.moment_nm**2] * 3)
+        self._time, self._odds = spec.push_s, math.log(spec.prior_contact / (1.0 - spec.prior_contact))
+        self._error = np.array(nominal.current_map.residuals)
+        self._x, self._P = np.zeros(18), np.zeros((18, 18))
+        self._rested = np.full(6, np.inf)
+        self._last = self._solver.unknown()
+        self._new = True
+
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate at this sample (``protocol.Estimator``)."""
+        step = self._intake.update(sample)
+        if step is Step.NOTHING:
+            return self._last
+        held = self._intake.sample
+        self._expected.update(held, self._intake.dt)
+        self._solver.look(held.actual_q)
+        if step is Step.START:
+            # Untouched at the very start; after a silence anything may have happened.
+            _begin(self._x, self._P, self._error, self._expected.slope, self._push * (0.0 if self._new else 1.0))
+            self._new = False
+        wrench, covariance, tau = np.empty(6), np.empty((6, 6)), np.empty(6)
+        contact = _step(
+            self._x,
+            self._P,
+            self._rested,
+            self._intake.dt,
+            self._error,
+            self._push,
+            self._time,
+            self._odds,
+            self._solver.J,
+            held.actual_current,
+            self._expected.current,
+            self._expected.slope,
+            self._expected.moving,
+            wrench,
+            covariance,
+            tau,
+        )
+        self._last = Estimate(tau, wrench, covariance, contact, self._solver.sigma_min)
+        return self._last
+
+
+@njit(cache=True, nogil=True)
+def _begin(x, P, error, slope, push):  # pragma: no cover - compiled
+    x[:] = 0.0
+    P[:] = 0.0
+    for j in range(6):
+        P[j, j] = push[j]
+        P[6 + j, 6 + j] = (error[j, 4] / slope[j]) ** 2
+        P[12 + j, 12 + j] = (error[j, 6] / slope[j]) ** 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(
+    x, P, rested, dt, error, push, time, odds, J, current, expected, slope, moving, wrench, covariance, tau
+):  # pragma: no cover - compiled  # fmt: skip
+    keep = np.empty(18)
+    for i in range(6):
+        keep[i] = math.exp(-dt / time)
+        rested[i] = 0.0 if moving[i] else rested[i] + dt
+        first = 0 if moving[i] else 4
+        slow_time = error[i, first + 1]
+        if not moving[i] and rested[i] < SETTLING:
+            slow_time = SETTLING_TIME
+        keep[6 + i] = math.exp(-dt / slow_time)
+        keep[12 + i] = math.exp(-dt / error[i, first + 3])
+    for i in range(18):
+        x[i] *= keep[i]
+        for k in range(18):
+            P[i, k] *= keep[i] * keep[k]
+    for i in range(6):
+        first = 0 if moving[i] else 4
+        P[i, i] += (1.0 - keep[i] ** 2) * push[i]
+        P[6 + i, 6 + i] += (1.0 - keep[6 + i] ** 2) * (error[i, first] / slope[i]) ** 2
+        P[12 + i, 12 + i] += (1.0 - keep[12 + i] ** 2) * (error[i, first + 2] / slope[i]) ** 2
+    h, Ph = np.zeros(18), np.empty(18)
+    for j in range(6):
+        h[:] = 0.0
+        innovation = (expected[j] - current[j]) / slope[j]
+        for i in range(6):
+            h[i] = J[i, j]
+            innovation -= J[i, j] * x[i]
+        h[6 + j] = h[12 + j] = 1.0
+        innovation -= x[6 + j] + x[12 + j]
+        total = _LEAST
+        for i in range(18):
+            Ph[i] = P[i, 6 + j] + P[i, 12 + j]
+            for k in range(6):
+                Ph[i] += P[i, k] * h[k]
+            total += h[i] * Ph[i]
+        most = _LARGEST * math.sqrt(total)
+        innovation = min(max(innovation, -most), most)
+        for i in range(18):
+            gain = Ph[i] / total
+            x[i] += gain * innovation
+            for k in range(18):
+                P[i, k] -= gain * Ph[k]
+    for i in range(18):
+        for k in range(i):
+            P[i, k] = P[k, i] = 0.5 * (P[i, k] + P[k, i])
+    for i in range(6):
+        wrench[i] = x[i]
+        for k in range(6):
+            covariance[i, k] = P[i, k]
+    for j in range(6):
+        tau[j] = 0.0
+        for i in range(6):
+            tau[j] += J[i, j] * x[i]
+    return _contact(wrench, covariance, push, odds)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _contact(wrench, covariance, push, odds):  # pragma: no cover - compiled
+    """Probability that the wrench is not zero: odds times the prior's density at zero over the posterior's."""
+    score = odds
+    L, z = np.empty((6, 6)), np.empty(6)
+    for i in range(6):
+        z[i] = wrench[i]
+        for j in range(i + 1):
+            total = covariance[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                if total <= 1e-9 * push[i]:
+                    # Known to be untouched.
+                    return 0.0
+                L[i, i] = math.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+        for k in range(i):
+            z[i] -= L[i, k] * z[k]
+        z[i] /= L[i, i]
+        score += 0.5 * z[i] * z[i] + math.log(L[i, i]) - 0.5 * math.log(push[i])
+    if score > 0.0:
+        return 1.0 / (1.0 + math.exp(-score))
+    return math.exp(score) / (1.0 + math.exp(score))
