@@ -31,6 +31,7 @@ from ur5_twin.estimation.motor_torque import PlantTorque
 from ur5_twin.estimation.samples import stacked
 from ur5_twin.recording import Recording, Table
 from ur5_twin.scenario import load_scenario
+from ur5_twin.twin.scenario_run import ScenarioRun
 
 SOURCE = Path(package.__file__).parent
 #: What holds truth, makes it, or has seen it.
@@ -145,6 +146,18 @@ def test_missing_signals_leave_no_trace_of_nan(name: str, nominal: NominalModel,
     assert np.abs(found.wrench[0]).max() == 0.0
     # Neither has it changed what is said in the end by more than a fraction: the gap ends 1.4 s before.
     assert np.abs(found.wrench[-1] - clean.wrench[-1])[:3].max() < 10.0
+
+
+def test_late_packages_change_nothing(nominal: NominalModel) -> None:
+    """Every third package comes with the next one: the controller's stamp says when it was measured."""
+    scenario = replace(load_scenario("push_moving"), duration=4.0)
+    found = []
+    for late in (False, True):
+        sensors = replace(scenario.sensors, preset="lab", late_packages=late)
+        recording = ScenarioRun(replace(scenario, sensors=sensors)).finish()
+        found.append(estimate(create("momentum_observer", nominal), samples_of(recording)).wrench)
+    assert "timestamp" in recording.robot
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_a_gap_costs_what_happened_in_it_only(exact: NominalModel, frictionless: Recording) -> None:
