@@ -4,11 +4,13 @@ The mean external torque of ``arm_state`` has the acceleration a0 = (qd_k - qd_k
 p in the flange feels R_BF acc = J_p qdd + J_p' qd + g e_z + noise (thesis equation 5.9), and least squares with what is
 known of a0 gives::
 
-    qdd = a0 + S J_p' (J_p S J_p' + s^2 I)^-1 (R_BF acc - g e_z - J_p' qd - J_p a0 - R_BF bias)
+    qdd = a0 + S J_p' (J_p (S + N) J_p' + s^2 I)^-1 (R_BF acc - g e_z - J_p' qd - J_p a0 - R_BF bias)
 
-with S = diag(2 velocity^2 / dt^2 + joint_noise^2) and the device's s. The external torque is then mean + M (qdd - a0),
-behind a low-pass of first order. bias is what the device shows while the arm rests, averaged. Without the device, or
-where its signal is missing, qdd is a0 and this is the momentum observer.
+with S = diag(2 velocity^2 / dt^2), the noise of a0, s that of the device, and N = diag(joint_noise^2): the device sees
+an instant, and a0 is the mean over a tick, in which the gears' ripple swings. The external torque is then mean +
+M (qdd - a0), behind a low-pass of first order. Where speeds are known well, S is small and so is the help. bias is what
+the device shows while the arm rests, averaged. Without the device, or where its signal is missing, qdd is a0 and this
+is the momentum observer.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ def _aid(
     jacobian_dot_into(J, qd, 6, J_dot)
     S, z, SJ = np.empty(6), np.empty(3), np.empty((6, 3))
     for j in range(6):
-        S[j] = 2.0 * (velocity[j] / dt) ** 2 + joint_noise[j] ** 2
+        S[j] = 2.0 * (velocity[j] / dt) ** 2
     for i in range(3):
         z[i] = -gravity if i == 2 else 0.0
         for k in range(3):
@@ -95,7 +97,7 @@ def _aid(
         for k in range(3):
             inner[i, k] = noise**2 if i == k else 0.0
             for j in range(6):
-                inner[i, k] += J[i, j] * SJ[j, k]
+                inner[i, k] += J[i, j] * (S[j] + joint_noise[j] ** 2) * J[k, j]
     gain = SJ @ np.linalg.inv(inner)
     left = np.empty((6, 6))
     for j in range(6):

@@ -6,7 +6,8 @@ and o is 0 as far as the nominal model knows. Unloaded, what the motion needs sa
     L (p' - C' qd + g) = a L motor - c L dry - v L viscous + o,    L the observer's own low-pass
 
 so no acceleration is needed, and the external torque is the difference of both sides. Recursive least squares with a
-prior (``constant_share`` of a, ``friction_share`` of c and v, ``offset_nm``) brings the four up to date at a sample only if
+prior (``constant_share`` of a, ``friction_share`` of c and v, ``offset_nm``) brings the four up to date at a sample
+only if
 
 - the probability of contact has been below ``contact`` for ``quiet_s``,
 - the joint moves, since at rest friction may be anything,
@@ -96,8 +97,8 @@ class AdaptiveObserver(MomentumEstimator):
 
 @njit(cache=True, nogil=True)
 def _learn(
-    gain, dt, rate, drive, motor, dry, viscous, white, momentum, bias, target_qd, quiet, correlation, kept, excitation, prior,
-    before, smooth, scale, P, tau, variance,
+    gain, dt, rate, drive, motor, dry, viscous, white, momentum, bias, target_qd, quiet, correlation, kept, excitation,
+    prior, before, smooth, scale, P, tau, variance,
 ):  # pragma: no cover - compiled  # fmt: skip
     phi, gains = np.empty(_N), np.empty(_N)
     for j in range(6):

@@ -4,7 +4,8 @@ F = J^-T (k i + b - tau_mu) and F* = J^-T (k i + b - tau_mu - tau_fr), tau_mu = 
 Butterworth filter of order 5 (equation 5.12), with the thesis' own k, b and friction (``[thesis]`` of
 ``models/drives.toml``). q and qd are the measured ones; qdd is the target's, the only acceleration that is published.
 The thesis' F is what the arm exerts, and so the wrench here is its negative. J^-T is the solution of
-``estimation.wrench``, which stays finite at singular postures.
+``estimation.wrench`` for torques known to 2 Nm, whatever friction leaves in them: the plain inverse but near singular
+postures, where it stays finite. The covariance is that of what friction does leave.
 
 The thesis filters logs as a whole, to and fro, which a running estimator cannot: ``direct`` and ``direct_friction`` run
 the same filter forwards (and are late by some 0.35 s at its 1.454 Hz), ``zero_phase`` does what the thesis did.
@@ -24,6 +25,9 @@ from ur5_twin.estimation.motor_torque import MOVING
 from ur5_twin.estimation.nominal import PERIOD, NominalModel
 from ur5_twin.estimation.protocol import Estimate, Sample
 from ur5_twin.estimation.wrench import WrenchSolver
+
+#: Variance of the torques that are inverted, Nm^2: damps directions whose singular value is below 2 Nm / 150 N.
+_INVERTED = np.full(6, 4.0)
 
 
 class Direct:
@@ -79,7 +83,7 @@ class Direct:
             self.variance,
         )
         self.solver.look(good.actual_q)
-        self.raw = self.solver.solve(self._tau, self.variance).wrench
+        self.raw = self.solver.solve(self._tau, _INVERTED).wrench
         return True
 
 

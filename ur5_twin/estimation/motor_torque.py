@@ -144,7 +144,7 @@ def _plant_torque(
         total, z[j] = friction_torque(friction, j, z[j], step, speed, link, ratio[j])
         dry[j] = total - viscous[j]
         torque[j] = motor[j] - total
-        level = friction.load[j] * abs(link) + 0.5 * (friction.positive[j] + friction.negative[j])
+        level = friction.load[j] * abs(link) + max(friction.positive[j], friction.negative[j])
         if moving:
             white[j] = law.white[j] + law.white_moving[j]
             bias[j] = (law.share[0] * level) ** 2
