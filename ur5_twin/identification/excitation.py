@@ -5,16 +5,16 @@ With the law of ``identification.drive_plant``, per joint and with its natural p
     i = (tau_l + J_r qdd + level sgn(qd) + viscous qd + ripple(q)) / k
     level = coulomb(+/-) + load |tau_l| + stribeck exp(-(qd / v_s)^2),    tau_l = arm + Y(q, qd, qdd) phi
 
-a row of a log says of a parameter theta what di/dtheta is beside the current's noise. The sum of (di/dtheta)' (di/dtheta)
-/ S over the rows in which a joint slides is Fisher's information; its inverse holds the squared standard errors that
-no unbiased fit can beat (Cramer and Rao). phi are the ten inertial parameters of what hangs on the flange: mass, first
-moments and the tensor about the flange's origin, in flange axes.
+a row of a log says of a parameter theta what di/dtheta is beside the current's noise S. The sum of
+(di/dtheta)' (di/dtheta) / S over the rows in which a joint slides is Fisher's information; its inverse holds the
+squared standard errors that no unbiased fit can beat (Cramer and Rao). phi are the ten inertial parameters of what
+hangs on the flange: mass, first moments and the tensor about the flange's origin, in flange axes.
 
 The servo's gains show in its own answer to what the controller does not know (friction, the rotors' acceleration):
 
     k_c (i - i_target) = -M_jj (kappa0 e + kappa1 e' + kappa_i int e),    e''' + kappa1 e'' + kappa0 e' + kappa_i e = d'
 
-with d the acceleration that is missing. All of it is linear about the numbers the twin has, which a real arm's are near.
+with d the acceleration that is missing. All of it is linear about the numbers that the twin has.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from ur5_twin.arm import inertia
 from ur5_twin.arm import _dynamics_kernels as kernels
+from ur5_twin.arm import inertia
 from ur5_twin.arm.drive import JointDrives
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
@@ -166,9 +166,7 @@ class Question:
         ]
         kinds = (*_DRIVE, _ROTOR) if self._has_rotor else _DRIVE
         self._joint_values = np.stack(values[: len(kinds)], axis=1)
-        self._joint_scale = np.where(
-            self._joint_values == 0.0, [kind[2] for kind in kinds], np.abs(self._joint_values)
-        )
+        self._joint_scale = np.where(self._joint_values == 0.0, [kind[2] for kind in kinds], np.abs(self._joint_values))
         gain_values = np.stack([gains.kappa0, gains.kappa1, gains.kappai], axis=1)
         self._servo_scale = np.where(gain_values == 0.0, 1.0, gain_values)
         self._body_scale = np.array([kind[2] for kind in _BODY])
@@ -184,9 +182,7 @@ class Question:
                 ]
         if self._wants_body:
             known = _body_numbers(plant)
-            wanted += [
-                Parameter(kind[0], 0, kind[1], float(v), kind[2]) for kind, v in zip(_BODY, known, strict=True)
-            ]
+            wanted += [Parameter(kind[0], 0, kind[1], float(v), kind[2]) for kind, v in zip(_BODY, known, strict=True)]
         self.parameters = tuple(wanted)
 
     def ride(self, rows: np.ndarray, step: float) -> Ride:

@@ -17,7 +17,7 @@ from ur5_twin.evaluation.reporting import short_number, versions
 from ur5_twin.identification import excite_trial
 from ur5_twin.identification.drive_terms import ride
 from ur5_twin.identification.excitation import PURPOSES, Parameter, Question
-from ur5_twin.identification.excite_search import EXCHANGES, FORMATS, GREEDY, Format, Search, Tour
+from ur5_twin.identification.excite_search import EXCHANGES, FORMATS, Format, Search, Tour
 from ur5_twin.identification.excite_trial import Load, Trial
 from ur5_twin.identification.results import Numbers, Result
 from ur5_twin.identification.workspace import Bounds, Workspace, joint_bounds, with_weight
@@ -83,7 +83,7 @@ class Excitation:
         before: standard errors of random postures at URScript's own speed, as long.
         planned: of this motion, as planned.
         achieved: of this motion, as the simulated arm moved.
-        missed: what least squares on the trial's log gets wrong; NaN for the servo.
+        missed: what least squares on the trial's log gets wrong; NaN for the servo, and where nothing is told.
         beside: log -> standard errors of its motion, as if it were as long.
         value, value_before: log det of the information of this motion and of the random one.
     """
@@ -107,7 +107,9 @@ class Excitation:
         """What such motion does not tell to a tenth of its size, were it an hour long."""
         scale = np.array([parameter.scale for parameter in self.question.parameters])
         hour = self.planned / scale * np.sqrt(self.request.duration / _HOUR)
-        return [p for p, told in zip(self.question.parameters, ~(hour > _TOLD) & np.isfinite(hour), strict=True) if not told]
+        return [
+            p for p, told in zip(self.question.parameters, ~(hour > _TOLD) & np.isfinite(hour), strict=True) if not told
+        ]
 
 
 def excite(
@@ -151,7 +153,7 @@ def excite(
 
     # Of the random motion only the legs are known; the ripple's angle is along them what it is.
     before = question.information(question.ride(search.rows(random, PERIOD), PERIOD), ripple=True)
-    planned = question.information(question.ride(trial.reference, PERIOD), ripple=True)
+    planned = question.information(question.ride(trial.planned, PERIOD), ripple=True)
     moved = question.ride(trial.moved, PERIOD)
     log = ride(trial.recording, question.plant)
     achieved = question.information(moved, ripple=True)
@@ -178,7 +180,7 @@ def excite(
         before=question.errors(before),
         planned=question.errors(planned),
         achieved=question.errors(achieved),
-        missed=question.fit(log),
+        missed=np.where(np.isfinite(question.errors(planned)), question.fit(log), np.nan),
         beside=others,
         value=question.value(planned),
         value_before=question.value(before),
@@ -230,7 +232,9 @@ def _prepare(request: Request) -> tuple[Question, Workspace, Load | None]:
     if request.weight is not None:
         mass, center = request.weight
         if not 0.0 < mass <= _HEAVIEST:
-            raise IdentificationError(f"--carry {mass:g} kg: a UR5 carries more than nothing and at most {_HEAVIEST:g} kg")
+            raise IdentificationError(
+                f"--carry {mass:g} kg: a UR5 carries more than nothing and at most {_HEAVIEST:g} kg"
+            )
         # What shall be found out is not told to the controller.
         load = Load(mass, center, told=request.purpose not in ("payload", "all"))
         plant, seen = (with_weight(bare, mass, center, seen=s) for s in (False, True))
@@ -265,13 +269,17 @@ def _findings(found: Excitation) -> list[str]:
     both = np.isfinite(found.before) & np.isfinite(found.planned)
     better = found.before[both] / found.planned[both]
     lines = [
-        f"{len(found.tour.legs)} moves in {len(trial.reference) * PERIOD:.1f} s; in the twin it came to its end without "
-        f"a protective stop, within joints, speed, torque and workspace",
-        f"beside random postures at URScript's speed, as long: standard errors {np.median(better):.1f} times smaller in "
-        f"the median ({better.min():.2f} to {better.max():.1f}); log det of the information {found.value:.1f} against "
-        f"{found.value_before:.1f}",
+        f"{len(found.tour.legs)} moves in {len(trial.reference) * PERIOD:.1f} s; in the twin it came to its end "
+        "without a protective stop, within joints, speed, torque and workspace",
+        f"beside random postures at URScript's speed, as long: standard errors {np.median(better):.1f} times smaller "
+        f"in the median ({better.min():.2f} to {better.max():.1f}); log det of the information {found.value:.1f} "
+        f"against {found.value_before:.1f}",
     ]
-    lost = [p.label for p, a, b in zip(parameters, found.before, found.planned, strict=True) if np.isfinite(a) > np.isfinite(b)]
+    lost = [
+        p.label
+        for p, a, b in zip(parameters, found.before, found.planned, strict=True)
+        if np.isfinite(a) > np.isfinite(b)
+    ]
     if lost:
         lines.append(f"only the random motion tells {', '.join(lost)}")
     as_moved = found.achieved / found.planned
@@ -280,8 +288,8 @@ def _findings(found: Excitation) -> list[str]:
     if seen.any():
         share = np.abs(found.missed[seen] / found.planned[seen])
         lines.append(
-            f"a fit to the twin's log, with its noise, is off by {np.sqrt(np.mean(share**2)):.1f} standard errors (root "
-            f"mean square over {seen.sum()} parameters; 1 if nothing but noise were in the way) and by "
+            f"a fit to the twin's log, with its noise, is off by {np.sqrt(np.mean(share**2)):.1f} standard errors "
+            f"(root mean square over {seen.sum()} parameters; 1 if nothing but noise were in the way) and by "
             f"{np.median(share):.1f} in the median"
         )
     for name, errors in found.beside.items():
@@ -321,7 +329,9 @@ def _advice(found: Excitation, request: Request) -> list[str]:
         else:
             lines.append(f"joint {j} bears too little to tell its torque constant: carry a known weight (--carry)")
     if any(p.name == "load" for p in lacking):
-        lines.append("friction that grows with load needs a load: on the joints above, carry a known weight or take it as zero")
+        lines.append(
+            "friction that grows with load needs a load: on the joints above, carry a known weight or take it as zero"
+        )
     if any(p.joint == 0 for p in lacking):
         lines.append("a payload's small moments of inertia do not show through the drives: take them from its drawing")
     if any(p.name.startswith("kappa") for p in lacking):
@@ -348,4 +358,3 @@ def _limits(found: Excitation) -> Numbers:
     columns = tuple(f"joint {j}" for j in range(1, N_JOINTS + 1))
     title = f"Limits (the controller's own estimate of force reaches {short_number(trial.force)} N)"
     return Numbers(title, "each in its own", tuple(rows), columns, np.stack(list(rows.values())))
-

@@ -29,7 +29,11 @@ FORMATS: tuple[Format, ...] = ("waypoints", "servoj")
 #: Step at which the search looks at a leg, s: a third of the robot's rows tell the same.
 _COARSE = 0.024
 #: Rest between two legs, s: the filter of servoj settles, and a movej is over before the next one is sent.
-_REST = {"servoj": 0.24, "waypoints": 0.4}
+_REST = {"servoj": 0.4, "waypoints": 0.4}
+#: servoj's filter, as URScript allows it at its softest: set points are held for a tick, of which its acceleration
+#: keeps a sawtooth of gain times speed times tick, up and down by half.
+LOOKAHEAD, GAIN = 0.2, 100.0
+_TICK = 0.008
 #: Each how many seconds a waypoint file sends its next move, s.
 WAIT = 4.0
 #: Share of the limits that legs are made with, so that rounding and the filter stay below.
@@ -48,6 +52,19 @@ GREEDY = 500
 _NEARBY, _NEAR = 0.5, (0.1, 1.2)
 #: Distance that the search keeps more than it must, m: the filter of servoj cuts corners, the servo errs.
 _MARGIN = 0.005
+
+
+def _rate(s: np.ndarray) -> np.ndarray:
+    """Derivative of the quintic 10 s^3 - 15 s^4 + 6 s^5; at most 15/8."""
+    return 30.0 * s**2 * (1.0 - s) ** 2
+
+
+def _acceleration(s: np.ndarray) -> np.ndarray:
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
+_HALF = np.linspace(0.0, 0.5, 101)
+_QUINTIC_RATE, _QUINTIC_ACCELERATION = _rate(_HALF), _acceleration(_HALF)
 
 
 @dataclass(frozen=True)
@@ -103,7 +120,7 @@ class Search:
         self._question, self._format, self._rng = question, format, rng
         bounds = workspace.bounds
         self._bounds = bounds
-        self._workspace = Workspace(question.plant, bounds.tightened(_MARGIN))
+        self._workspace = Workspace(workspace.plant, bounds.tightened(_MARGIN))
         self._rest = _REST[format]
         self._budget = duration - _LEFT
         # The first move of a waypoint file goes to where the arm stands.
@@ -151,12 +168,12 @@ class Search:
         return self._tour(start, self._extended(start, legs))
 
     def leg(self, start: np.ndarray, goal: np.ndarray, speed: float) -> Leg:
-        """A leg between two postures, (6,) rad, no faster than ``speed`` rad/s; whether the way is free is not asked."""
+        """A leg between two postures, (6,) rad, no faster than ``speed`` rad/s; the way may not be free."""
         length = float(np.abs(goal - start).max())
         duration = self._law(length, speed)
         if self._slots is not None:
             most = WAIT - self._rest
-            # The controller's own way of being faster: at the limit if need be; what is still too long is refused later.
+            # Faster than asked, if that is what it takes to be there in time; what is still too long is refused later.
             while duration > most and speed < self._speeds[1]:
                 speed = min(1.2 * speed, self._speeds[1])
                 duration = self._law(length, speed)
@@ -193,8 +210,10 @@ class Search:
         """Duration of a leg, s."""
         if self._format == "waypoints":
             return Trapezoid(length, speed, self._acceleration).duration
-        # Greatest rate and acceleration of 10 s^3 - 15 s^4 + 6 s^5: 15/8 and 10/sqrt(3).
-        return max(1.875 * length / speed, float(np.sqrt(10.0 / np.sqrt(3.0) * length / self._acceleration)))
+        # So long that acceleration and the filter's sawtooth together, b / T^2 + c / T, stay below the limit all along.
+        b, c = length * _QUINTIC_ACCELERATION, 0.5 * GAIN * _TICK * length * _QUINTIC_RATE
+        a = self._acceleration
+        return max(1.875 * length / speed, float(((c + np.sqrt(c**2 + 4.0 * a * b)) / (2.0 * a)).max()))
 
     def _profile(self, length: float, speed: float, time: np.ndarray) -> np.ndarray:
         """(n, 3) way, rate and acceleration of the leading joint."""
@@ -203,8 +222,7 @@ class Search:
         duration = self._law(length, speed)
         s = time / duration
         way = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        rate = 30.0 * s**2 * (1.0 - s) ** 2 / duration
-        return length * np.stack([way, rate, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration**2], axis=1)
+        return length * np.stack([way, _rate(s) / duration, _acceleration(s) / duration**2], axis=1)
 
     def _room(self, n: int, used: float) -> bool:
         return n < self._slots if self._slots is not None else used < self._budget
@@ -289,7 +307,7 @@ class Search:
             goal = self._posture(q if nearby or attempt > _TRIES // 2 else None)
             if np.abs(goal - q).max() < _SHORTEST:
                 continue
-            problem = self._workspace.problem(self._workspace.way(q, goal)[1:])
+            problem = self._workspace.way_problem(q, goal)
             if problem is not None:
                 why = problem
                 continue
@@ -318,7 +336,7 @@ class Search:
     def _free(self, start: np.ndarray, goal: np.ndarray) -> bool:
         if np.abs(goal - start).max() < _SHORTEST:
             return False
-        return self._workspace.problem(self._workspace.way(start, goal)) is None
+        return self._workspace.way_problem(start, goal) is None
 
     def _tour(self, start: np.ndarray, legs: list[Leg]) -> Tour:
         if not legs:

@@ -14,7 +14,7 @@ import tomli_w
 from ur5_twin.control.commands import MoveJ
 from ur5_twin.control.waypoints import Waypoints, format_move
 from ur5_twin.errors import IdentificationError, TwinError
-from ur5_twin.identification.excite_search import WAIT, Format, Search, Tour
+from ur5_twin.identification.excite_search import GAIN, LOOKAHEAD, WAIT, Format, Search, Tour
 from ur5_twin.identification.workspace import Workspace, ball_radius
 from ur5_twin.recording.table import Recording
 from ur5_twin.scenario import load_scenario
@@ -56,7 +56,9 @@ class Trial:
     Attributes:
         recording: what its devices reported, with the truth.
         reference: (n, 3, 6) the controller's target rows, one a tick.
-        moved: (n, 3, 6) the joints' true q and qd, with the target's qdd: the twin's own trembles with the ripple.
+        planned: (n, 3, 6) the same with qdd as in ``moved``.
+        moved: (n, 3, 6) the joints' true q and qd; their qdd trembles with the ripple, so it is the target's, as the
+            derivative of target_qd: servoj's target_qdd has a sawtooth.
         speed, acceleration, torque: (6,) greatest of the truth, rad/s, rad/s^2, Nm.
         planned_speed, planned_acceleration: (6,) greatest of the reference.
         error: (6,) greatest distance of a joint from its target, rad.
@@ -65,6 +67,7 @@ class Trial:
 
     recording: Recording
     reference: np.ndarray
+    planned: np.ndarray
     moved: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
@@ -80,6 +83,8 @@ def scenario_of(
 ) -> dict[str, Any]:
     """The scenario that runs a tour's file, in the layout of ``scenarios/*.toml``."""
     motion: dict[str, Any] = {"type": format, "file": SENT[format]}
+    if format == "servoj":
+        motion |= {"lookahead_s": LOOKAHEAD, "gain": GAIN}
     found: dict[str, Any] = {
         "title": f"Excitation for {purpose}",
         "description": f"A motion by 'ur5-twin identify excite' that tells most of what '{purpose}' asks for.",
@@ -190,11 +195,12 @@ def try_out(
     if problem is not None:
         raise IdentificationError(f"in the twin the arm leaves its workspace: {problem}; nothing is written")
     targets = np.stack([robot[f"target_{name}"] for name in ("q", "qd", "qdd")], axis=1)
-    moved = np.stack([robot["truth_q"], robot["truth_qd"], robot["target_qdd"]], axis=1)
+    moved = np.stack([robot["truth_q"], robot["truth_qd"], np.gradient(robot["target_qd"], PERIOD, axis=0)], axis=1)
     n = min(len(planned), len(robot))
     return Trial(
         recording=recording,
         reference=targets,
+        planned=np.stack([targets[:, 0], targets[:, 1], moved[:, 2]], axis=1),
         moved=moved,
         speed=speed,
         acceleration=acceleration,

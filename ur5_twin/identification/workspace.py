@@ -22,8 +22,9 @@ _ELBOW = 2.6
 START = np.radians([-5.0, -113.0, -67.0, 90.0, -90.0, 85.0])
 #: kg/m^3 of the steel ball that a carried weight is drawn as.
 _STEEL = 7800.0
-#: Joint step between two postures that are looked at on a way, rad: the tool moves 0.1 m at most.
-_STEP = 0.1
+#: Joint steps between two postures that are looked at on a way, rad. At the finer one the wrist's parts come nearer to
+#: the forearm by 5 mm at most from one to the next; the coarser one refuses most ways sooner.
+_FINE, _COARSE = 0.03, 0.12
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,8 @@ class Workspace:
         self.bounds = bounds
         self.plant = plant
         self.ends = _ends(plant.tool)
-        self._model = mjcf.compile(plant, scene=True)
+        # Whoever keeps above the base's plane does not come to what is below it.
+        self._model = mjcf.compile(plant, scene=bounds.height < 0.0)
         self._data = mujoco.MjData(self._model)
         bodies = [self._model.body(i).name for i in self._model.geom_bodyid]
         touches = self._model.geom_contype != 0
@@ -101,9 +103,8 @@ class Workspace:
         outside = (q < self.bounds.low - 1e-9) | (q > self.bounds.high + 1e-9)
         if outside.any():
             row, j = np.argwhere(outside)[0]
-            return (
-                f"{JOINT_NAMES[j]} at {q[row, j]:.3f} rad, outside {self.bounds.low[j]:.3f} to {self.bounds.high[j]:.3f}"
-            )
+            low, high = self.bounds.low[j], self.bounds.high[j]
+            return f"{JOINT_NAMES[j]} at {q[row, j]:.3f} rad, outside {low:.3f} to {high:.3f}"
         for name, points in zip(("flange", "tool's end"), self.points(q), strict=False):
             beyond = (points < self.bounds.box[:, 0]) | (points > self.bounds.box[:, 1])
             if beyond.any():
@@ -115,10 +116,15 @@ class Workspace:
                 )
         return next(filter(None, map(self._near, q)), None)
 
-    def way(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Postures (n, 6) straight from one to another in joint space, dense enough to be looked at."""
-        n = max(2, int(np.ceil(np.abs(end - start).max() / _STEP)) + 1)
-        return start + np.linspace(0.0, 1.0, n)[:, None] * (end - start)
+    def way_problem(self, start: np.ndarray, end: np.ndarray) -> str | None:
+        """What is wrong on the straight way in joint space from one posture (6,) to another; None if nothing is."""
+        longest = np.abs(end - start).max()
+        for step in (_COARSE, _FINE):
+            x = np.linspace(1.0, 0.0, max(2, int(np.ceil(longest / step)) + 1))
+            problem = self.problem(start + x[:, None] * (end - start))
+            if problem is not None:
+                return problem
+        return None
 
     def points(self, q: np.ndarray) -> list[np.ndarray]:
         """Positions (n, 3) of the flange and, with a tool, of its end in the base frame, m."""
@@ -195,4 +201,3 @@ def _top(part: object) -> float:
     if isinstance(part, Sphere):
         return float(part.center[2] + part.radius)
     return float(part.center[2] + part.height / 2)  # type: ignore[attr-defined]
-
