@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -361,18 +362,22 @@ class Question:
 
 def _servo_error(lacking: np.ndarray, gains: Gains, j: int, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """e, e' and int e of e'' = -kappa0 e - kappa1 e' - kappa_i int e - lacking, exact for steps of ``lacking``."""
-    A = np.array([[0.0, 1.0, 0.0], [-gains.kappa0[j], -gains.kappa1[j], -gains.kappai[j]], [1.0, 0.0, 0.0]])
-    whole = np.zeros((4, 4))
-    whole[:3, :3], whole[1, 3] = A, -1.0
-    discrete = expm(whole * step)
-    values, vectors = np.linalg.eig(discrete[:3, :3])
-    drive = np.linalg.solve(vectors, discrete[:3, 3].astype(complex))
+    values, vectors, drive = _modes(float(gains.kappa0[j]), float(gains.kappa1[j]), float(gains.kappai[j]), step)
     # Each mode by itself: x_k+1 = lambda x_k + drive u_k.
-    modes = np.stack(
-        [lfilter([0.0, d], [1.0, -value], lacking.astype(complex)) for d, value in zip(drive, values, strict=True)]
-    )
+    modes = np.stack([lfilter([0.0, d], [1.0, -value], lacking) for d, value in zip(drive, values, strict=True)])
     e, speed, integral = (vectors @ modes).real
     return e, speed, integral
+
+
+@lru_cache(maxsize=64)
+def _modes(kappa0: float, kappa1: float, kappai: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the servo's loop over a step of time, and what drives each mode."""
+    whole = np.zeros((4, 4))
+    whole[:3, :3] = [[0.0, 1.0, 0.0], [-kappa0, -kappa1, -kappai], [1.0, 0.0, 0.0]]
+    whole[1, 3] = -1.0
+    discrete = expm(whole * step)
+    values, vectors = np.linalg.eig(discrete[:3, :3])
+    return values, vectors, np.linalg.solve(vectors, discrete[:3, 3].astype(complex))
 
 
 def _unit_body(plant: ArmModel, k: int) -> kernels.Packed:

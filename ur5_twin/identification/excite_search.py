@@ -177,15 +177,13 @@ class Search:
             while duration > most and speed < self._speeds[1]:
                 speed = min(1.2 * speed, self._speeds[1])
                 duration = self._law(length, speed)
-        n = max(2, int(np.ceil(duration / _COARSE)))
-        time = (np.arange(n) + 0.5) * duration / n
-        x = self._profile(length, speed, time)
+        time = (np.arange(max(2, round(duration / _COARSE))) + 0.5) * _COARSE
+        x = self._profile(length, speed, np.minimum(time, duration))
         direction = (goal - start) / length
         rows = x[:, :, None] * direction
         rows[:, 0] += start
         question = self._question
-        step = duration / n
-        told = question.information(question.ride(rows, step), step=step)
+        told = question.information(question.ride(rows, _COARSE), step=_COARSE)
         return Leg(goal, speed, self._acceleration, duration, told)
 
     def samples(self, tour: Tour, period: float) -> np.ndarray:

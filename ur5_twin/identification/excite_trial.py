@@ -194,13 +194,12 @@ def try_out(
     problem = Workspace(workspace.plant, eased).problem(truth)
     if problem is not None:
         raise IdentificationError(f"in the twin the arm leaves its workspace: {problem}; nothing is written")
-    targets = np.stack([robot[f"target_{name}"] for name in ("q", "qd", "qdd")], axis=1)
     moved = np.stack([robot["truth_q"], robot["truth_qd"], np.gradient(robot["target_qd"], PERIOD, axis=0)], axis=1)
     n = min(len(planned), len(robot))
     return Trial(
         recording=recording,
-        reference=targets,
-        planned=np.stack([targets[:, 0], targets[:, 1], moved[:, 2]], axis=1),
+        reference=planned,
+        planned=np.stack([planned[:, 0], planned[:, 1], np.gradient(planned[:, 1], PERIOD, axis=0)], axis=1),
         moved=moved,
         speed=speed,
         acceleration=acceleration,

@@ -136,6 +136,18 @@ class Workspace:
         model, data = self._model, self._data
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon:
+            # One look at all of them: the contacts one by one would take longer than finding them.
+            distance = data.contact.dist
+            nearest = int(np.argmin(distance))
+            if distance[nearest] < self.bounds.clearance:
+                first, second = (self._bodies[geom] for geom in data.contact.geom[nearest])
+                return (
+                    f"{first} and {second} {1e3 * distance[nearest]:.0f} mm apart, less than "
+                    f"{1e3 * self.bounds.clearance:.0f} mm"
+                )
         low = self._heights()
         if low.min() < self.bounds.height:
             geom = self._high[int(np.argmin(low))]
@@ -143,15 +155,6 @@ class Workspace:
                 f"{self._bodies[geom]} at a height of {1e3 * low.min():.0f} mm over the base's plane, less than "
                 f"{1e3 * self.bounds.height:.0f} mm"
             )
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
-        for contact in data.contact:
-            if contact.dist < self.bounds.clearance:
-                first, second = (self._bodies[geom] for geom in contact.geom)
-                return (
-                    f"{first} and {second} {1e3 * contact.dist:.0f} mm apart, less than "
-                    f"{1e3 * self.bounds.clearance:.0f} mm"
-                )
         return None
 
     def _heights(self) -> np.ndarray:
