@@ -192,8 +192,8 @@ def test_optimised_tells_more(found: excite.Excitation) -> None:
     both = np.isfinite(found.before) & np.isfinite(found.planned)
     assert np.median(found.before[both] / found.planned[both]) > 1.1
     assert not (np.isfinite(found.before) & ~np.isfinite(found.planned)).any()
-    # The servo keeps the arm within some mrad of the plan, so that as much is told; but what fades below 0.05 rad/s hangs
-    # on few rows, in which the ripple shakes the joint.
+    # The servo keeps the arm within some mrad of the plan, so that as much is told; but what fades below 0.05 rad/s
+    # hangs on few rows, in which the ripple shakes the joint.
     ratio = found.achieved / found.planned
     assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.02)
     assert np.nanmin(ratio) > 0.5

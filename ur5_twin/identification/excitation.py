@@ -365,7 +365,7 @@ def _servo_error(lacking: np.ndarray, gains: Gains, j: int, step: float) -> tupl
     values, vectors, drive = _modes(float(gains.kappa0[j]), float(gains.kappa1[j]), float(gains.kappai[j]), step)
     # Each mode by itself: x_k+1 = lambda x_k + drive u_k.
     modes = np.stack([lfilter([0.0, d], [1.0, -value], lacking) for d, value in zip(drive, values, strict=True)])
-    e, speed, integral = (vectors @ modes).real
+    e, speed, integral = np.real(vectors @ modes)
     return e, speed, integral
 
 

@@ -26,6 +26,8 @@ from ur5_twin.scenario.files import ScenarioFile
 from ur5_twin.sensing import load_sensors
 from ur5_twin.twin.cell import PERIOD
 
+#: Random tours that one is taken of to compare with.
+_RANDOM = 5
 #: Told to a share of its size within an hour of such motion, a parameter counts as one that motion can tell.
 _TOLD, _HOUR = 0.1, 3600.0
 
@@ -144,7 +146,9 @@ def excite(
     rng = np.random.default_rng(request.seed)
     search = Search(question, workspace, request.format, request.duration, rng)
     tour = search.best(request.q_start, exchanges, searching)
-    random = search.random(request.q_start)
+    # Random tours differ: the middle one of some, by what they tell.
+    dice = Search(question, workspace, request.format, request.duration, np.random.default_rng([request.seed, 1]))
+    random = sorted((dice.random(request.q_start) for _ in range(_RANDOM)), key=lambda one: one.value)[_RANDOM // 2]
     remarks = [command, f"starts at {[round(float(x), 4) for x in tour.start]} rad"]
     sent = excite_trial.SENT[request.format], excite_trial.sent_file(search, tour, request.format, remarks)
     arm = {"plant": request.plant, "tool": request.tool, "declared_payload": request.payload}
@@ -310,9 +314,12 @@ def _findings(found: Excitation) -> list[str]:
 def _advice(found: Excitation, request: Request) -> list[str]:
     """What no such motion can tell, and what to do about it."""
     lacking = found.unknown()
+    about = ["a payload's numbers are measured against a kilogram 0.1 m away: 1 kg, 0.1 kg m, 0.01 kg m^2"]
+    if all(p.joint for p in found.question.parameters):
+        about = []
     if not lacking:
-        return ["nothing that was asked for is out of reach of such motion"]
-    lines = [f"an hour of such motion would not tell to a tenth: {', '.join(p.label for p in lacking)}"]
+        return [*about, "nothing that was asked for is out of reach of such motion"]
+    lines = [*about, f"an hour of such motion would not tell to a tenth: {', '.join(p.label for p in lacking)}"]
     joints = {p.joint for p in lacking if p.name == "torque_constant"}
     for j in sorted(joints):
         if j == N_JOINTS:

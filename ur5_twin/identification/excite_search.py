@@ -45,7 +45,7 @@ _SHORTEST = 0.05
 #: Share of rests and half moves that is left over at the end of a tour, s.
 _LEFT = 0.5
 #: Candidates of a greedy choice, tries for a posture until there seems to be none, and exchanges.
-_CANDIDATES, _TRIES, EXCHANGES = 16, 400, 1500
+_CANDIDATES, _TRIES, EXCHANGES = 16, 400, 2000
 #: Steps that the greedy part counts for in a progress bar.
 GREEDY = 500
 #: Chance that a candidate is near the posture before it, and how near, rad.
