@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from ur5_twin import cli
 from ur5_twin.arm.drive import JointDrives, load_joint_drives
 from ur5_twin.arm.parameters import ArmModel, load_model, load_tool
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
+from ur5_twin.control.waypoints import read_waypoints
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import excite, excite_trial, results
 from ur5_twin.identification.excitation import Question, _servo_error
@@ -246,3 +249,26 @@ def test_the_report_says_what_no_motion_tells(tmp_path: Path) -> None:
 def test_impossible_limits_are_named(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(IdentificationError, match=says):
         excite.excite(request(**changes), "x", exchanges=1)
+
+
+@pytest.mark.parametrize(("arguments", "written"), [(["--duration", "12"], True), (["--speed-limit", "9"], False)])
+def test_the_command(
+    arguments: list[str], written: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """It writes everything that its page lists, or nothing and one line."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["ur5-twin", "identify", "excite", *arguments, "--out", "mine"])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    said = capsys.readouterr()
+    assert stopped.value.code == (0 if written else 2), said.err
+    if not written:
+        assert said.err.count("\n") == 1
+        assert "beyond the arm's own limit" in said.err
+        assert not list(tmp_path.iterdir())
+        return
+    names = {path.name for path in Path("mine").rglob("*") if path.is_file()}
+    figures = {"joints.png", "way.png", "standard_errors.png"}
+    assert names == {"waypoints.txt", "trajectory.csv", "scenario.toml", "report.md", "report.json"} | figures
+    assert read_waypoints(Path("mine/waypoints.txt")).moves
+    assert load_scenario(Path("mine/scenario.toml")).title == "Excitation for drive"
