@@ -26,6 +26,8 @@ from ur5_twin.scenario.files import ScenarioFile
 from ur5_twin.sensing import load_sensors
 from ur5_twin.twin.cell import PERIOD
 
+#: What a UR5 carries, kg (the manufacturer's data sheet).
+_HEAVIEST = 5.0
 #: Random tours that one is taken of to compare with.
 _RANDOM = 5
 #: Told to a share of its size within an hour of such motion, a parameter counts as one that motion can tell.
@@ -262,10 +264,6 @@ def _prepare(request: Request) -> tuple[Question, Workspace, Load | None]:
         load_sensors("lab"),
     )
     return question, Workspace(seen, bounds), load
-
-
-#: What a UR5 carries, kg (the manufacturer's data sheet).
-_HEAVIEST = 5.0
 
 
 def _findings(found: Excitation) -> list[str]:

@@ -23,6 +23,8 @@ from ur5_twin.twin.scenario_run import ScenarioRun
 
 #: Names of what is written: the scenario, what the controller is sent, and what it makes of it.
 SCENARIO, SENT, PLAIN = "scenario.toml", {"waypoints": "waypoints.txt", "servoj": "servoj.txt"}, "trajectory.csv"
+#: Columns of the last of these, with their units.
+_COLUMNS = (("q", "rad"), ("qd", "rad_s"), ("qdd", "rad_s2"))
 #: A UR5 of the CB series stops at this force of its own estimate as it is delivered, N.
 _FORCE = 150.0
 #: Shares of a limit that the simulated arm may reach: the servo overshoots a speed a little, and a motor at its limit
@@ -134,9 +136,6 @@ def plain_file(reference: np.ndarray) -> str:
     table = reference.reshape(len(reference), -1)
     lines = [f"{k * PERIOD:.3f}," + ",".join(f"{x:.6f}" for x in row) for k, row in enumerate(table)]
     return "\n".join([",".join(names), *lines, ""])
-
-
-_COLUMNS = (("q", "rad"), ("qd", "rad_s"), ("qdd", "rad_s2"))
 
 
 def try_out(
