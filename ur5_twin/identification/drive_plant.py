@@ -25,7 +25,7 @@ from ur5_twin.errors import IdentificationError
 
 #: Target speed above which friction is sliding, rad/s, and below which the servo follows the ripple, rad/s: order 202
 #: passes at 6 Hz then, below the servo's corner of some 10 Hz.
-_SLIDING, _SLOW = 0.01, 0.2
+SLIDING, _SLOW = 0.01, 0.2
 #: Speeds tried for the fading of friction, rad/s.
 _SPEEDS = (0.01, 0.02, 0.03, 0.05, 0.08)
 #: Bounds that no UR5 passes: Nm/A, and A/Nm of load-dependent friction, twice the controller's own.
@@ -35,7 +35,9 @@ _LEAST_LOAD = 0.8
 #: Rows of a block of correlated errors, 1 s.
 _BLOCK = 125
 #: Delay and lag with which a current shows the ripple, s (docs/drive.md).
-_DELAY, _LAG = 0.005, 0.002
+DELAY, LAG = 0.005, 0.002
+#: Orders of the ripple, periods a revolution.
+ORDERS = (202, 404)
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class PlantDrive:
         }
 
 
-def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = (202, 404)) -> PlantDrive:
+def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = ORDERS) -> PlantDrive:
     """The plant's numbers from logs of free motion.
 
     Args:
@@ -117,7 +119,7 @@ def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = (202, 404)) -
     found, errors = np.empty((N_JOINTS, 7)), np.full((6, N_JOINTS), np.nan)
     amplitude, phase, spread = (np.empty((len(orders), N_JOINTS)) for _ in range(3))
     for j in range(N_JOINTS):
-        rows = [np.abs(of.qd[:, j]) > _SLIDING for of in rides]
+        rows = [np.abs(of.qd[:, j]) > SLIDING for of in rides]
         if sum(int(r.sum()) for r in rows) < _BLOCK:
             raise IdentificationError(f"joint {j + 1} slides for less than 1 s; no friction can be told")
         torque, link, qd, ratio, current = (
@@ -126,7 +128,7 @@ def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = (202, 404)) -
         )
         ripple = np.concatenate(
             [
-                terms.ripple_columns(of, j, tuple(orders), _DELAY, _LAG, directed=False)[r]
+                terms.ripple_columns(of, j, tuple(orders), DELAY, LAG, directed=False)[r]
                 for of, r in zip(rides, rows, strict=True)
             ]
         )
