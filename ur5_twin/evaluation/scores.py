@@ -112,9 +112,9 @@ def regimes_of(
 ) -> dict[str, np.ndarray]:
     """Rows of each regime, which may overlap: name -> (n,).
 
-    ``still`` no target moves; ``moving`` one does; ``reversing`` one has turned round within 0.25 s; ``near_singularity``
-    the Jacobian's smallest singular value is below 0.1; ``touched`` something acts on the arm, ``untouched`` nothing
-    does; ``beyond_tool`` it acts elsewhere than at the tool.
+    ``still`` no target moves; ``moving`` one does; ``reversing`` one has turned round within 0.25 s;
+    ``near_singularity`` the Jacobian's smallest singular value is below 0.1; ``touched`` something acts on the arm,
+    ``untouched`` nothing does; ``beyond_tool`` it acts elsewhere than at the tool.
 
     Args:
         truth: row for row.

@@ -29,7 +29,7 @@ def against_truth(recording: Recording) -> Truth:
     robot = recording.robot
     if "truth_wrench" not in robot or "truth_tau_ext" not in robot:
         raise EstimationError(
-            f"{recording.source}: no truth_wrench; only a run of the twin knows the truth, and its recording.parquet has it"
+            f"{recording.source}: no truth_wrench; only a run of the twin knows it, and writes it to recording.parquet"
         )
     touched = contacts.acting(contacts.touches(recording), len(robot))
     return Truth("truth", robot.time, robot["truth_wrench"], robot["truth_tau_ext"], touched)
