@@ -76,3 +76,25 @@ def show_replay(report: dict[str, Any], folder: Path) -> None:
     for item in (*report["notes"], *report["repairs"]):
         console.print(f"- {item['where']}: {item['what']}", highlight=False, markup=False)
     console.print(f"written to {folder}", highlight=False, markup=False)
+
+
+def show_estimates(report: dict[str, Any], folder: Path) -> None:
+    """The errors of each estimator, and where the rest is."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from ur5_twin.evaluation.estimate_report import AXES, estimate_rows
+
+    compared = report["against"] is not None
+    title = f"MAE against {report['against']}" if compared else "99th percentile"
+    table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
+    table.add_column(f"{title}, N and Nm", no_wrap=True)
+    for axis in AXES:
+        table.add_column(axis, justify="right", no_wrap=True)
+    for row in estimate_rows(report, "mae" if compared else "percentile_99"):
+        table.add_row(*row)
+    console = Console()
+    console.print(f"{report['source']}: {report['rows']:,} rows", highlight=False, markup=False)
+    console.print(table)
+    console.print(f"written to {folder}", highlight=False, markup=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from ur5_twin.evaluation.scores import TOUCHED, Truth
 from ur5_twin.recording import force_sensor
 from ur5_twin.recording.table import Recording
 
-Against = Literal["ft", "truth"]
 #: Link 7 of the contact table.
 _TOOL = len(contacts.LINKS)
 
@@ -33,6 +31,12 @@ def against_truth(recording: Recording) -> Truth:
         )
     touched = contacts.acting(contacts.touches(recording), len(robot))
     return Truth("truth", robot.time, robot["truth_wrench"], robot["truth_tau_ext"], touched)
+
+
+def against_zero(recording: Recording) -> Truth:
+    """Nothing touches the arm: every estimate is a phantom."""
+    n = len(recording.robot)
+    return Truth("zero", recording.robot.time, np.zeros((n, 6)), np.zeros((n, 6)), np.zeros(n, dtype=bool))
 
 
 def at_tool(recording: Recording) -> np.ndarray:

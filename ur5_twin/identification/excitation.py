@@ -34,8 +34,8 @@ from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
+from ur5_twin.drives.terms import Ride, ripple_columns
 from ur5_twin.identification.drive_plant import DELAY, LAG, ORDERS, SLIDING
-from ur5_twin.identification.drive_terms import Ride, ripple_columns
 from ur5_twin.sensing import SensorSuite
 
 #: What a trajectory can be for.

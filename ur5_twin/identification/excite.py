@@ -12,10 +12,10 @@ from ur5_twin.arm.drive import drives_of
 from ur5_twin.arm.parameters import N_JOINTS, load_model
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
+from ur5_twin.drives.terms import ride
 from ur5_twin.errors import IdentificationError, unknown
 from ur5_twin.evaluation.reporting import short_number, versions
 from ur5_twin.identification import excite_trial
-from ur5_twin.identification.drive_terms import ride
 from ur5_twin.identification.excitation import PURPOSES, Parameter, Question
 from ur5_twin.identification.excite_search import EXCHANGES, FORMATS, Format, Search, Tour
 from ur5_twin.identification.excite_trial import Load, Trial
