@@ -5,7 +5,8 @@ The measurement is, per joint, the torque that the measured current has over the
 
     (i_map - i) / slope = J' w + slow + fast
 
-- w, the wrench at the flange, wanders about zero with a given size and time constant (Gauss-Markov): a push;
+- w, the wrench at the flange, is a push: a smooth process about zero of a given size and length (Matern, order 3/2:
+  w'' = -2 r w' - r^2 w + noise with r = sqrt(3) / length), so that what shakes faster than a hand is no push;
 - slow and fast, per joint, are how the map errs on logs it has not seen, with the sizes and time constants that its
   identification found for motion and for rest (``identification.residual``). At rest slow is large and lasting: a gear
   sticks with whatever it stopped with, and that is no contact.
@@ -39,6 +40,8 @@ _NEEDED = (
     "actual_q",
     "actual_current",
 )
+#: States: wrench, its rate, and the slow and the fast part of each joint's error.
+_RATE, _SLOW, _FAST, _N = 6, 12, 18, 24
 #: An innovation beyond this many standard deviations counts as that many: a spike is no push.
 _LARGEST = 5.0
 #: Variance of a torque that the filter takes for exact, Nm^2; it keeps the innovation's from vanishing.
@@ -54,9 +57,9 @@ class FrictionKalman:
         self._intake = Intake(_NEEDED)
         self._solver = WrenchSolver(nominal)
         self._push = np.array([spec.force_n**2] * 3 + [spec.moment_nm**2] * 3)
-        self._time, self._odds = spec.push_s, math.log(spec.prior_contact / (1.0 - spec.prior_contact))
+        self._length, self._odds = spec.push_s, math.log(spec.prior_contact / (1.0 - spec.prior_contact))
         self._error = np.array(nominal.current_map.residuals)
-        self._x, self._P = np.zeros(18), np.zeros((18, 18))
+        self._x, self._P = np.zeros(_N), np.zeros((_N, _N))
         self._rested = np.full(6, np.inf)
         self._last = self._solver.unknown()
         self._new = True
@@ -71,7 +74,14 @@ class FrictionKalman:
         self._solver.look(held.actual_q)
         if step is Step.START:
             # Untouched at the very start; after a silence anything may have happened.
-            _begin(self._x, self._P, self._error, self._expected.slope, self._push * (0.0 if self._new else 1.0))
+            _begin(
+                self._x,
+                self._P,
+                self._error,
+                self._expected.slope,
+                self._push * (0.0 if self._new else 1.0),
+                self._length,
+            )
             self._new = False
         wrench, covariance, tau = np.empty(6), np.empty((6, 6)), np.empty(6)
         contact = _step(
@@ -81,7 +91,7 @@ class FrictionKalman:
             self._intake.dt,
             self._error,
             self._push,
-            self._time,
+            self._length,
             self._odds,
             self._solver.J,
             held.actual_current,
@@ -97,61 +107,86 @@ class FrictionKalman:
 
 
 @njit(cache=True, nogil=True)
-def _begin(x, P, error, slope, push):  # pragma: no cover - compiled
+def _begin(x, P, error, slope, push, length):  # pragma: no cover - compiled
+    """At rest, with the wrench at its prior, or known to be none where ``push`` is zero."""
     x[:] = 0.0
     P[:] = 0.0
     for j in range(6):
         P[j, j] = push[j]
-        P[6 + j, 6 + j] = (error[j, 4] / slope[j]) ** 2
-        P[12 + j, 12 + j] = (error[j, 6] / slope[j]) ** 2
+        P[_RATE + j, _RATE + j] = 3.0 / length**2 * push[j]
+        P[_SLOW + j, _SLOW + j] = (error[j, 4] / slope[j]) ** 2
+        P[_FAST + j, _FAST + j] = (error[j, 6] / slope[j]) ** 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _step(
-    x, P, rested, dt, error, push, time, odds, J, current, expected, slope, moving, wrench, covariance, tau
-):  # pragma: no cover - compiled  # fmt: skip
-    keep = np.empty(18)
+def _predict(x, P, rested, dt, error, push, length, slope, moving):  # pragma: no cover - compiled
+    r = math.sqrt(3.0) / length
+    decay = math.exp(-r * dt)
+    # The push's transition matrix over dt and what its noise adds, per unit of variance.
+    a, b, c, d = decay * (1.0 + r * dt), decay * dt, -decay * r * r * dt, decay * (1.0 - r * dt)
+    added = 1.0 - a * a - b * b * r * r
+    crossed = -a * c - b * d * r * r
+    added_rate = r * r - c * c - d * d * r * r
     for i in range(6):
-        keep[i] = math.exp(-dt / time)
+        w, v = x[i], x[_RATE + i]
+        x[i], x[_RATE + i] = a * w + b * v, c * w + d * v
+        for k in range(_N):
+            w, v = P[i, k], P[_RATE + i, k]
+            P[i, k], P[_RATE + i, k] = a * w + b * v, c * w + d * v
+    for k in range(_N):
+        for i in range(6):
+            w, v = P[k, i], P[k, _RATE + i]
+            P[k, i], P[k, _RATE + i] = a * w + b * v, c * w + d * v
+    for i in range(6):
+        P[i, i] += added * push[i]
+        P[i, _RATE + i] += crossed * push[i]
+        P[_RATE + i, i] += crossed * push[i]
+        P[_RATE + i, _RATE + i] += added_rate * push[i]
         rested[i] = 0.0 if moving[i] else rested[i] + dt
         first = 0 if moving[i] else 4
         slow_time = error[i, first + 1]
         if not moving[i] and rested[i] < SETTLING:
             slow_time = SETTLING_TIME
-        keep[6 + i] = math.exp(-dt / slow_time)
-        keep[12 + i] = math.exp(-dt / error[i, first + 3])
-    for i in range(18):
-        x[i] *= keep[i]
-        for k in range(18):
-            P[i, k] *= keep[i] * keep[k]
-    for i in range(6):
-        first = 0 if moving[i] else 4
-        P[i, i] += (1.0 - keep[i] ** 2) * push[i]
-        P[6 + i, 6 + i] += (1.0 - keep[6 + i] ** 2) * (error[i, first] / slope[i]) ** 2
-        P[12 + i, 12 + i] += (1.0 - keep[12 + i] ** 2) * (error[i, first + 2] / slope[i]) ** 2
-    h, Ph = np.zeros(18), np.empty(18)
+        _wander(x, P, _SLOW + i, math.exp(-dt / slow_time), error[i, first] / slope[i])
+        _wander(x, P, _FAST + i, math.exp(-dt / error[i, first + 3]), error[i, first + 2] / slope[i])
+
+
+@njit(cache=True, nogil=True)
+def _wander(x, P, row, keep, size):  # pragma: no cover - compiled
+    """One state's first-order process: what it keeps, and the standard deviation it has in the end."""
+    x[row] *= keep
+    for k in range(_N):
+        P[row, k] *= keep
+    for k in range(_N):
+        P[k, row] *= keep
+    P[row, row] += (1.0 - keep * keep) * size**2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(
+    x, P, rested, dt, error, push, length, odds, J, current, expected, slope, moving, wrench, covariance, tau
+):  # pragma: no cover - compiled  # fmt: skip
+    _predict(x, P, rested, dt, error, push, length, slope, moving)
+    Ph = np.empty(_N)
     for j in range(6):
-        h[:] = 0.0
-        innovation = (expected[j] - current[j]) / slope[j]
+        innovation = (expected[j] - current[j]) / slope[j] - x[_SLOW + j] - x[_FAST + j]
         for i in range(6):
-            h[i] = J[i, j]
             innovation -= J[i, j] * x[i]
-        h[6 + j] = h[12 + j] = 1.0
-        innovation -= x[6 + j] + x[12 + j]
-        total = _LEAST
-        for i in range(18):
-            Ph[i] = P[i, 6 + j] + P[i, 12 + j]
+        for i in range(_N):
+            Ph[i] = P[i, _SLOW + j] + P[i, _FAST + j]
             for k in range(6):
-                Ph[i] += P[i, k] * h[k]
-            total += h[i] * Ph[i]
+                Ph[i] += P[i, k] * J[k, j]
+        total = _LEAST + Ph[_SLOW + j] + Ph[_FAST + j]
+        for i in range(6):
+            total += J[i, j] * Ph[i]
         most = _LARGEST * math.sqrt(total)
         innovation = min(max(innovation, -most), most)
-        for i in range(18):
+        for i in range(_N):
             gain = Ph[i] / total
             x[i] += gain * innovation
-            for k in range(18):
+            for k in range(_N):
                 P[i, k] -= gain * Ph[k]
-    for i in range(18):
+    for i in range(_N):
         for k in range(i):
             P[i, k] = P[k, i] = 0.5 * (P[i, k] + P[k, i])
     for i in range(6):

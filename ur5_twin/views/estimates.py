@@ -15,8 +15,8 @@ from ur5_twin.views import paper
 from ur5_twin.views.style import ESTIMATES, SENSOR, TRUTH, WRENCH_AXES
 
 _SIZE = (13.0, 8.5)
-#: As many as a panel bears: the best by force.
-_MOST = len(ESTIMATES)
+#: As many as a panel and its legend bear: the best by force.
+_MOST = 3
 _PARTS = (("force", slice(0, 3), "N"), ("moment", slice(3, 6), "Nm"))
 #: Normal quantile of a central 90 % interval.
 _NINETY = 1.6449
@@ -51,7 +51,7 @@ def write_estimates(judged: Judged, folder: Path, *, log: Path, rerun: bool, fig
 def draw_estimates(judged: Judged, folder: Path) -> list[Path]:
     """Forces, moments and their errors over time, and the best estimate with its 90 % interval, as PNG.
 
-    With more than four estimators the four whose forces are best are drawn; without a truth the first four.
+    The three estimators whose forces are best are drawn; without a truth the first three.
     """
     names = best(judged)[:_MOST]
     time, truth = judged.recording.robot.time, judged.truth
@@ -70,10 +70,10 @@ def draw_estimates(judged: Judged, folder: Path) -> list[Path]:
             said = []
             for name, colour in zip(names, ESTIMATES, strict=False):
                 error = judged.estimates[name].wrench[:, axis] - truth.wrench[:, axis]
-                paper.line(panels[row, 1], time, error, colour, 0.7, _words(name))
+                paper.line(panels[row, 1], time, error, colour, 0.7)
                 said.append((f"MAE {np.nanmean(np.abs(error)):.3g}", colour))
             paper.name(panels[row, 1], WRENCH_AXES[axis])
-            paper.remarks(panels[row, 1], said[:2])
+            paper.remarks(panels[row, 1], said)
         paper.heading(panels[0, 0], f"{part.capitalize()} on the arm at the flange, base axes, {unit}")
         if truth is not None:
             paper.heading(panels[0, 1], f"Estimate minus {_words(truth.what)}, {unit}")
