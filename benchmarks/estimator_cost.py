@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from ur5_twin.arm.files import model_path
-from ur5_twin.estimation import create, estimator_names, load_nominal, samples_of
+from ur5_twin.estimation import NominalModel, create, estimator_names, load_nominal, samples_of
 from ur5_twin.estimation.localisation import Localiser
 from ur5_twin.scenario import load_scenario
 from ur5_twin.twin.scenario_run import ScenarioRun
@@ -41,9 +41,9 @@ def main() -> None:
         mujoco.mj_resetData(model, data)
         mujoco.mj_step(model, data, nstep=n)
 
-    def through(name: str, rows: list) -> Callable[[], object]:
+    def through(name: str, rows: list, believed: NominalModel = nominal) -> Callable[[], object]:
         def run() -> None:
-            update = create(name, nominal).update
+            update = create(name, believed).update
             for sample in rows:
                 update(sample)
 
@@ -60,6 +60,9 @@ def main() -> None:
     print(f"{'':44s}{'us/sample':>10s}{'x mj_step':>11s}")
     rows = [(name, through(name, samples), n) for name in estimator_names()]
     rows.append(("controller, actual_TCP_force not published", through("controller", unpublished), n))
+    felt = [s._replace(imu_acc=np.array([0.0, 0.0, 9.82])) for s in samples]
+    carrying = load_nominal("plant", "both")
+    rows.append(("accelerometer_aided, with an IMU", through("accelerometer_aided", felt, carrying), n))
     rows.append(
         (f"where the contact is, {len(localiser.surface.link)} points", localise, len(samples[:: max(n // 50, 1)]))
     )
