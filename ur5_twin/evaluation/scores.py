@@ -20,6 +20,10 @@ _APART = 0.3
 _WORTH_FINDING = 10.0
 #: An alarm this long before a touch is of the touch: sensors come late and hands lean, s.
 _EARLY = 0.1
+#: Target speed that counts as motion, rad/s, and how long after a turn a joint still reverses, s.
+_MOVING, _TURNING = 1e-3, 0.25
+#: Smallest singular value of J, in m and rad, below which a posture is near a singularity.
+_NEAR_SINGULARITY = 0.1
 #: Normal quantiles of central intervals that hold 90 % and 95 %.
 _INTERVALS = {"coverage_90": 1.6449, "coverage_95": 1.9600}
 
@@ -59,7 +63,7 @@ def score(estimates: Estimates, truth: Truth, regimes: dict[str, np.ndarray], th
         regimes: name -> (n,) rows.
         thresholds: of the contact detector on the probability of contact.
     """
-    known = np.isfinite(truth.wrench).all(axis=1) & np.isfinite(estimates.wrench).all(axis=1)
+    known = np.isfinite(np.concatenate([truth.wrench, estimates.wrench], axis=1)).all(axis=1)
     return {
         **_errors(estimates, truth, known),
         "regimes": {name: _errors(estimates, truth, known & rows) for name, rows in regimes.items()},
@@ -123,7 +127,7 @@ def regimes_of(
         at_tool: (n,) whether all that touches the arm touches it at its tool; None where nobody knows.
     """
     moving = np.abs(target_qd) > _MOVING
-    still = ~moving.any(axis=1)
+    still = np.asarray(~moving.any(axis=1))
     reversing = np.zeros(len(still), dtype=bool)
     for j in range(target_qd.shape[1]):
         rows = np.flatnonzero(moving[:, j])
@@ -134,19 +138,13 @@ def regimes_of(
         "still": still,
         "moving": ~still,
         "reversing": reversing,
-        "near_singularity": sigma_min < NEAR_SINGULARITY,
+        "near_singularity": sigma_min < _NEAR_SINGULARITY,
         "touched": truth.touched,
         "untouched": ~truth.touched,
     }
     if at_tool is not None:
         found["beyond_tool"] = truth.touched & ~at_tool
     return found
-
-
-#: Target speed that counts as motion, rad/s, and how long after a turn a joint still reverses, s.
-_MOVING, _TURNING = 1e-3, 0.25
-#: Smallest singular value of J, in m and rad, below which a posture is near a singularity.
-NEAR_SINGULARITY = 0.1
 
 
 def _errors(estimates: Estimates, truth: Truth, rows: np.ndarray) -> dict[str, Any]:
