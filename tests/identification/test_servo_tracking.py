@@ -64,7 +64,7 @@ def moved(gains: Gains, phase: float, noise: float, seconds: float = 30.0) -> Re
 
 
 def pushed() -> Recording:
-    """An arm with the base gains at standstill, pushed at its flange in all directions for 20 s."""
+    """An arm with the base gains at standstill, joints 1 and 2 pushed for 20 s."""
     loop = ClosedLoop(CONTROLLER, CONTROLLER, BASE)
     loop.with_limits(Limits(force=np.inf))
     n = 2500
@@ -73,11 +73,13 @@ def pushed() -> Recording:
     dt = np.full(n, TICK)
     steps = loop.steps_of(dt)
     time = np.arange(steps.sum()) * TICK / steps[0]
-    scale = np.array([40.0, 40.0, 40.0, 8.0, 8.0, 8.0])
-    wrench = scale * np.sin(np.outer(time, np.array([1.3, 2.1, 3.1, 3.7, 4.3, 5.3])))
-    pushes = kernel.Pushes(
-        np.array([loop.body("wrist_3_link")]), np.zeros((1, 3)), np.zeros(1, dtype=np.int64), wrench[:, None]
-    )
+    # Twists of the shoulder about joint 1 and of the upper arm about joint 2, slow ones and shakes.
+    twist = 20.0 * np.sin(np.outer(time, [1.3, 2.1])) + 10.0 * np.sin(np.outer(time, [25.0, 21.0]))
+    wrench = np.zeros((len(time), 2, 6))
+    wrench[:, 0, 5] = twist[:, 0]
+    wrench[:, 1, 3:5] = twist[:, 1:] * [np.sin(POSE[0]), -np.cos(POSE[0])]
+    bodies = np.array([loop.body(f"{name}_link") for name in ("shoulder", "upper_arm")])
+    pushes = kernel.Pushes(bodies, np.zeros((2, 3)), np.zeros(2, dtype=np.int64), wrench)
     trace, ending = loop.run(np.tile(target, (n + 1, 1, 1)), dt, pushes=pushes)
     assert ending.complete
     rows = slice(None, None, int(steps[0]))
@@ -101,7 +103,7 @@ def test_recovers_lag_and_share_and_its_intervals_hold() -> None:
     logs = [moved(TRUTH, phase, 1e-4) for phase in (0.3, 1.1)]
     found = fit_tracking(logs, BASE)
     assert found.told.all()
-    # 0.1 mrad of noise on 7,000 rows with some 0.4 rad/s leave 0.1 / 0.4 / 84 * 2 ms = 6 us; the lag's own sampling adds.
+    # 0.1 mrad of noise on 7,000 rows at 0.3 rad/s leave 4 us of one standard deviation; five of that.
     assert np.allclose(found.gains.lag, TRUTH.lag, atol=2e-5)
     inside = [
         (low <= value <= high)
@@ -116,11 +118,11 @@ def test_recovers_lag_and_share_and_its_intervals_hold() -> None:
 
 def test_recovers_the_gains_of_a_pushed_twin() -> None:
     fit = fit_servo([pushed()], CONTROLLER, LAW.torque_constant)
-    told = fit.good[0]
-    assert told[:3].all()
-    # The fit takes the mass matrix' diagonal; what the others' accelerations add is a fifth of it at this posture.
-    assert np.allclose(fit.kappas()[0][:3], BASE.kappa0[:3], rtol=0.25)
-    assert (fit.kappa_half_widths()[0, :3] < 0.5 * BASE.kappa0[:3]).all()
+    assert fit.good[0, :2].all()
+    # The fit takes the mass matrix' diagonal; of joints 1 and 2 the rest of a row is up to a quarter of it.
+    for found, truth in zip(fit.kappas(), (BASE.kappa0, BASE.kappa1, BASE.kappai), strict=True):
+        assert np.allclose(found[:2], truth[:2], rtol=0.25)
+    assert (fit.kappa_half_widths()[0, :2] < 0.25 * BASE.kappa0[:2]).all()
 
 
 def test_a_file_for_replay(tmp_path: Path) -> None:
@@ -141,8 +143,8 @@ def test_a_file_for_replay(tmp_path: Path) -> None:
 def test_free_motion_cannot_tell_pd_gains() -> None:
     nlse = fit_nlse([moved(TRUTH, 0.3, 1e-5, seconds=16.0)])
     assert not nlse.told.any()
-    # The cost is flat over five decades of gains.
-    assert (nlse.profile.max(axis=2) < 1.05).all()
+    # The cost is flat over five decades of gains, but for the 0.01 mrad of noise that the start is read with.
+    assert (nlse.profile.max(axis=2) < 1.1).all()
 
 
 def test_a_large_deviation_tells_pd_gains() -> None:

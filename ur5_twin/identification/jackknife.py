@@ -8,30 +8,37 @@ from scipy.stats import t as student
 _CONFIDENCE = 0.95
 
 
-def half_widths(columns: np.ndarray, answer: np.ndarray, block: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Half-widths (p,) of the 95 % intervals of weighted least squares; inf with fewer than three blocks.
+def half_widths(
+    columns: np.ndarray,
+    residual: np.ndarray,
+    block: np.ndarray,
+    pull: np.ndarray | None = None,
+    curvature: np.ndarray | None = None,
+) -> np.ndarray:
+    """Half-widths (p,) of the 95 % intervals of an M-estimate; inf with fewer than three blocks.
+
+    Without block b the solution moves by -(H - H_b)^-1 X_b' s, exactly so for least squares.
 
     Args:
-        columns: (n, p).
-        answer: (n,).
+        columns: X, (n, p).
+        residual: (n,) at the solution.
         block: (n,) number of the block a row belongs to.
-        weight: (n,) of the squared residuals.
+        pull: s, (n,) the loss' slope in the residual; the residual itself, of least squares, if not given.
+        curvature: (n,) the loss' second derivative, which makes H = X' diag(curvature) X; one if not given.
     """
     kinds = np.unique(block)
     n = len(kinds)
     if n < 3:
         return np.full(columns.shape[1], np.inf)
-    # What is left without a block is a difference of sums.
+    pull = residual if pull is None else pull
+    curvature = np.ones(len(residual)) if curvature is None else curvature
     members = [block == kind for kind in kinds]
-    normal = np.stack([(columns[m].T * weight[m]) @ columns[m] for m in members])
-    right = np.stack([(columns[m].T * weight[m]) @ answer[m] for m in members])
-    without = np.stack(
-        [
-            np.linalg.lstsq(normal.sum(0) - a, right.sum(0) - b, rcond=None)[0]
-            for a, b in zip(normal, right, strict=True)
-        ]
+    hessian = np.stack([(columns[m].T * curvature[m]) @ columns[m] for m in members])
+    score = np.stack([columns[m].T @ pull[m] for m in members])
+    moved = np.stack(
+        [np.linalg.lstsq(hessian.sum(0) - h, s, rcond=None)[0] for h, s in zip(hessian, score, strict=True)]
     )
-    error = np.sqrt((n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    error = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
     return error * student_factor(n - 1)
 
 

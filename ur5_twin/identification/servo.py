@@ -61,7 +61,7 @@ class ServoFit:
     @property
     def good(self) -> np.ndarray:
         """(n_logs, 6) whether a log says how this joint's servo works."""
-        return self.explained > _GOOD
+        return (self.explained > _GOOD) & (self.kp > 0) & (self.kd > 0) & (self.ki > 0)
 
     def means(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Kp, Kd, Ki (6,) over the good logs; NaN for a joint with none."""
@@ -113,7 +113,7 @@ def fit_servo(recordings: Sequence[Recording], controller: ArmModel, torque_cons
             solution = np.linalg.lstsq(columns, answer, rcond=None)[0]
             kp[n, j], ki[n, j], kd[n, j] = -solution[:3]
             block = (robot.time[_WINDOW:] - robot.time[0]) // _BLOCK
-            half[[0, 2, 1], n, j] = half_widths(columns, answer, block, np.ones(len(answer)))[:3]
+            half[[0, 2, 1], n, j] = half_widths(columns, answer - columns @ solution, block)[:3]
             held[n, j] = -solution[3] / (_WINDOW * period) / solution[1]
             explained[n, j] = 1.0 - (answer - columns @ solution).var() / answer.var()
     fit = ServoFit(kp, kd, ki, explained, held, mass, half)

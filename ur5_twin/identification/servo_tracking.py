@@ -32,7 +32,7 @@ _SIGNALS = ("actual_q", "actual_qd", "actual_current", "target_current", "target
 _MOVING = 0.01
 #: A joint that moves for less, s, or whose target's acceleration spreads less, rad/s^2, tells no lag, no share.
 _LEAST_TIME, _LEAST_ACCELERATION = 5.0, 0.05
-#: Step of the linear model, s: a hundredth of the loops' periods.
+#: Step of the linear model, s: the closed loop's, some hundredth of its period.
 _STEP = 2e-3
 #: Rounds of reweighting, and the error below which all count alike: some encoder steps of 9.6 urad, rad.
 _ROUNDS, _SMALL = 15, 3e-5
@@ -141,8 +141,11 @@ def _robust(columns: np.ndarray, answer: np.ndarray, block: np.ndarray) -> tuple
         root = np.sqrt(weight)[:, None]
         solution = np.linalg.lstsq(columns * root, answer * root[:, 0], rcond=None)[0]
         weight = 1.0 / np.maximum(np.abs(answer - columns @ solution), _SMALL)
-    half = half_widths(columns, answer, block, weight)
+    residual = answer - columns @ solution
+    # What is minimised is |r| rounded off below _SMALL; its curvature is there alone.
+    loss = (residual * weight, (np.abs(residual) < _SMALL) / _SMALL)
+    half = half_widths(columns, residual, block, *loss)
     log = block // _BLOCKS
     if len(np.unique(log)) > 2:
-        half = np.maximum(half, half_widths(columns, answer, log, weight))
+        half = np.maximum(half, half_widths(columns, residual, log, *loss))
     return solution, half
