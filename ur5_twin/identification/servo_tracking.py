@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import bilinear, lfilter
 
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.control.gains import Gains
@@ -124,10 +124,10 @@ def _columns(recording: Recording, gains: Gains) -> np.ndarray:
     for j in range(N_JOINTS):
         qd, qdd = robot["target_qd"][:, j], robot["target_qdd"][:, j]
         acceleration = np.interp(fine, time, qdd)
-        loop = ([1.0, 0.0], [1.0, gains.kappa1[j], gains.kappa0[j], gains.kappai[j]])
-        numerator, denominator, _ = cont2discrete(loop, _STEP, method="bilinear")
+        loop = [1.0, gains.kappa1[j], gains.kappa0[j], gains.kappai[j]]
+        numerator, denominator = bilinear([1.0, 0.0], loop, 1.0 / _STEP)
         jerk = np.gradient(acceleration, _STEP)
-        answers = (lfilter(numerator[0], denominator, x) for x in (acceleration, jerk))
+        answers = (lfilter(numerator, denominator, x) for x in (acceleration, jerk))
         found[:, j] = np.stack([np.interp(time, fine, x) for x in answers], axis=1)
         found[:, j, 1] -= qd
     return found
