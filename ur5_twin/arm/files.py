@@ -133,7 +133,8 @@ class GainsSpec(Strict, frozen=True):
     kappa1: SixNonNegative
     kappai: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     lag_ms: SixNonNegative = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    acceleration_share: SixNonNegative = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    acceleration_share: Six = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    provenance: dict[str, Any] | None = None
 
 
 class DriveSpec(Strict, frozen=True):

@@ -24,6 +24,10 @@ ur5-twin replay wednesday.csv --model out/mine/controller.toml
 ur5-twin identify drive monday.csv tuesday.csv wednesday.csv --out out/drive
 
 ur5-twin replay thursday.csv --joints out/drive/joints.toml
+
+ur5-twin identify servo pushed.csv monday.csv tuesday.csv --out out/servo
+
+ur5-twin replay thursday.csv --gains out/servo/gains.toml
 """
 
 _EXCITE_EXAMPLES = """[bold]Examples[/bold]
@@ -149,6 +153,34 @@ def identify_drive(
             chosen = drive.with_residuals(chosen, candidates, rides, lambda done: advance(6 + done))
         result = drive_result.drive_result(plant, free, chosen, study, recordings, command_line())
     _write(result, out, draw_relation(recordings, rides, links, two_step.drive, free, out / "figures"))
+
+
+@app.command("servo", epilog=_EXAMPLES)
+def identify_servo(
+    logs: _Logs,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/servo"),
+    repair: _Repair = False,
+) -> None:
+    """Find your servo's gains: from logs of pushes at standstill, from tracking errors of moving ones, or both.
+
+    Writes gains.toml for 'replay --gains', and a report: what each joint's logs tell, the tracking error on each moving
+    log by a servo from all the others, and whether the thesis' fit of PD gains to free motion can tell any.
+    """
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.control.gains import load_gains
+    from ur5_twin.control.target_current import load_target_current_law
+    from ur5_twin.identification import servo_nlse, servo_result, servo_tracking
+    from ur5_twin.views import servo as views
+
+    recordings = read_all(logs, repair)
+    moving = [recording for recording in recordings if not servo_tracking.is_standstill(recording)]
+    knowledge = load_gains("servo"), load_model("controller"), load_target_current_law()
+    servo = servo_result.fit(recordings, *knowledge)
+    with progress("replay", len(moving)) as advance:
+        checked = servo_result.held_out(recordings, *knowledge, advance)
+    nlse = servo_nlse.fit_nlse(moving) if moving else None
+    result = servo_result.servo_result(servo, checked, nlse, recordings, command_line())
+    _write(result, out, views.draw(checked, nlse, out / "figures"))
 
 
 @app.command("noise", epilog=_EXAMPLES)

@@ -21,7 +21,8 @@ class Gains:
         kappa1: (6,) 1/s.
         kappai: (6,) 1/s^3, zero for the thesis' gains.
         lag: T, (6,) s, zero for the thesis' gains.
-        share: A, (6,) of the target's acceleration that is fed forward, one for the thesis' gains.
+        share: A, (6,) of the target's acceleration that is fed forward, one for the thesis' gains; an effective number,
+            negative where the reference is smoothed (docs/servo.md).
     """
 
     name: str

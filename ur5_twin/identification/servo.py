@@ -21,6 +21,7 @@ from ur5_twin.arm import kinematics
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.errors import IdentificationError
+from ur5_twin.identification.jackknife import half_widths
 from ur5_twin.recording.table import Recording
 
 _SIGNALS = ("actual_q", "actual_qd", "actual_current", "target_current", "target_qd")
@@ -31,6 +32,8 @@ _WINDOW = 25
 _LEAST_MOTION, _LEAST_TORQUE = 1e-4, 0.3
 #: A fit that explains less is not of a PID servo: integrals that were reset, or stuck joints.
 _GOOD = 0.9
+#: Length of the jackknife's blocks, s: longer than a window and a push.
+_BLOCK = 2.0
 #: Time before which nobody has touched the sensor yet, s.
 _TARE = 0.3
 
@@ -44,6 +47,7 @@ class ServoFit:
         explained: (n_logs, 6) share of the current's variance over 0.2 s that the fit explains.
         held: (n_logs, 6) q_held less the log's first actual_q, rad.
         mass: (n_logs, 6) diagonal of the controller's mass matrix at that posture, kg m^2.
+        half: (3, n_logs, 6) half-widths of the 95 % intervals of kp, kd and ki, by a jackknife over seconds.
     """
 
     kp: np.ndarray
@@ -52,11 +56,12 @@ class ServoFit:
     explained: np.ndarray
     held: np.ndarray
     mass: np.ndarray
+    half: np.ndarray
 
     @property
     def good(self) -> np.ndarray:
         """(n_logs, 6) whether a log says how this joint's servo works."""
-        return self.explained > _GOOD
+        return (self.explained > _GOOD) & (self.kp > 0) & (self.kd > 0) & (self.ki > 0)
 
     def means(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Kp, Kd, Ki (6,) over the good logs; NaN for a joint with none."""
@@ -66,6 +71,15 @@ class ServoFit:
         """kappa0, kappa1, kappa_i (6,): the good logs' means of Kp / M, Kd / M and Ki / M; 1/s^2, 1/s, 1/s^3."""
         good = self.good
         return _mean(self.kp / self.mass, good), _mean(self.kd / self.mass, good), _mean(self.ki / self.mass, good)
+
+    def kappa_half_widths(self) -> np.ndarray:
+        """(3, 6) of the 95 % intervals of kappa0, kappa1 and kappa_i; at least half of what the good logs differ by."""
+        good = np.broadcast_to(self.good, self.half.shape)
+        count = np.maximum(good.sum(axis=1), 1)
+        within = np.sqrt(np.where(good, (self.half / self.mass) ** 2, 0.0).sum(axis=1)) / count
+        values = np.stack([self.kp, self.kd, self.ki]) / self.mass
+        most, least = np.where(good, values, -np.inf).max(axis=1), np.where(good, values, np.inf).min(axis=1)
+        return np.where(good.any(axis=1), np.maximum(within, 0.5 * (most - least)), np.nan)
 
 
 def fit_servo(recordings: Sequence[Recording], controller: ArmModel, torque_constant: np.ndarray) -> ServoFit:
@@ -81,7 +95,7 @@ def fit_servo(recordings: Sequence[Recording], controller: ArmModel, torque_cons
     """
     shape = (len(recordings), N_JOINTS)
     kp, kd, ki, held = (np.full(shape, np.nan) for _ in range(4))
-    explained, mass = np.zeros(shape), np.empty(shape)
+    explained, mass, half = np.zeros(shape), np.empty(shape), np.full((3, *shape), np.nan)
     dynamics = Dynamics(controller)
     for n, recording in enumerate(recordings):
         robot = recording.robot
@@ -98,9 +112,11 @@ def fit_servo(recordings: Sequence[Recording], controller: ArmModel, torque_cons
                 continue
             solution = np.linalg.lstsq(columns, answer, rcond=None)[0]
             kp[n, j], ki[n, j], kd[n, j] = -solution[:3]
+            block = (robot.time[_WINDOW:] - robot.time[0]) // _BLOCK
+            half[[0, 2, 1], n, j] = half_widths(columns, answer - columns @ solution, block)[:3]
             held[n, j] = -solution[3] / (_WINDOW * period) / solution[1]
             explained[n, j] = 1.0 - (answer - columns @ solution).var() / answer.var()
-    fit = ServoFit(kp, kd, ki, explained, held, mass)
+    fit = ServoFit(kp, kd, ki, explained, held, mass, half)
     if not fit.good.any():
         raise IdentificationError(
             f"{', '.join(r.source for r in recordings)}: no joint is pushed so that its servo shows; push for a second "
