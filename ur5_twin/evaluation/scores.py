@@ -63,10 +63,10 @@ def score(estimates: Estimates, truth: Truth, regimes: dict[str, np.ndarray], th
         regimes: name -> (n,) rows.
         thresholds: of the contact detector on the probability of contact.
     """
-    known = np.isfinite(np.concatenate([truth.wrench, estimates.wrench], axis=1)).all(axis=1)
+    known = np.asarray(np.isfinite(np.concatenate([truth.wrench, estimates.wrench], axis=1)).all(axis=1))
     return {
         **_errors(estimates, truth, known),
-        "regimes": {name: _errors(estimates, truth, known & rows) for name, rows in regimes.items()},
+        "regimes": {name: _errors(estimates, truth, np.logical_and(known, rows)) for name, rows in regimes.items()},
         "detection": detection(estimates.time, estimates.contact, truth, thresholds),
     }
 
