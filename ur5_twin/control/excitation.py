@@ -1,10 +1,11 @@
 """A motion that shows what a drive is made of: slow waves through the postures and quick ones on top, in every joint.
 
-    q_j(t) = center_j + f(t) sum over waves w of A_jw sin(2 pi n_w t / T + phi_jw),    f rises from 0 to 1 and falls again
+    q_j(t) = center_j + f(t) sum over waves w of A_jw sin(2 pi n_w t / T + phi_jw),  f rises from 0 to 1 and falls
 
 The slow waves move masses about, so that gravity and inertia change; the quick ones accelerate, without which a torque
-constant cannot be told from a rotor's inertia. Speeds pass through zero all the time, in both directions, and stay below
-the one at which the motors' ripple looks like standing still to 125 rows a second (1.94 rad/s for 404 periods a turn).
+constant cannot be told from a rotor's inertia. Speeds pass through zero all the time, in both directions, and stay
+below the one at which the motors' ripple looks like standing still to 125 rows a second (1.94 rad/s for 404 periods a
+turn).
 """
 
 from __future__ import annotations

@@ -3,13 +3,14 @@
     k i = tau_link(q, qd, qdd) + J_r qdd + level sgn(qd) + viscous w qd + ripple(q) - b
     level = coulomb(+/-) + load |tau_link| + stribeck exp(-(qd / v_s)^2),    ripple = sum of A cos(n q + phi)
 
-linear in 1/k and the other numbers over k but for v_s, which is sought beside it (variable projection). tau_link is that
-of the given links, whose masses set the scale; ``plant_windows`` has the columns. None of J_r, coulomb, load, viscous and
-friction at standstill is negative. Where the current is reported late, all joints' delay is the one that leaves least.
+linear in 1/k and the other numbers over k but for v_s, which is sought beside it (variable projection). tau_link is
+that of the given links, whose masses set the scale; ``plant_windows`` has the columns, ``plant_solve`` the least
+squares. None of J_r, coulomb, load, viscous and friction at standstill is negative. Where the current is reported late,
+all joints' delay is the one that leaves least.
 
-Intervals are those of least squares with errors that are correlated within a second (a sandwich over blocks, Student's t
-with a block a degree of freedom), carried to the numbers of the law by their derivatives. They hold for the noise, not
-for a law that is wrong.
+Intervals are those of least squares with errors that are correlated within a second (a sandwich over blocks, Student's
+t with a block a degree of freedom), carried to the numbers of the law by their derivatives. They hold for the noise,
+not for a law that is wrong.
 
 Torque constant and rotor inertia of a joint come apart only where the links' torque is not in step with the joint's own
 acceleration: by gravity, or by an inertia that changes. Where they do not (joint 6 with nothing off its axis) the rotor
@@ -25,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ur5_twin.arm.drive import JointDrives, Ripple
-from ur5_twin.arm.friction import Friction
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.errors import IdentificationError, unknown
 from ur5_twin.identification.plant_solve import FIELDS, Solution, solve, unexplained
@@ -120,7 +120,7 @@ def fit_plant(
     late = [one.late(delay) for one in motions]
     joints: list[_Joint] = []
     for j in range(N_JOINTS):
-        w = windows(late, j, base.ripple.order)
+        w = windows(late, j, base.ripple.order.tolist())
         joints.append(_joint(replace(w, link=w.link - base.offset[j]), j, given, usual))
         if progress is not None:
             progress(j + 1)
@@ -143,8 +143,17 @@ def fit_plant(
         delay=delay,
         sliding=sliding(late),
         left=np.array([one.left for one in solved]),
-        notes=tuple(note for joint in joints for note in joint.notes),
+        notes=(*_silent(motions), *(note for joint in joints for note in joint.notes)),
     )
+
+
+def _silent(motions: Sequence[Motion]) -> list[str]:
+    """A sentence for each log that has not a single window."""
+    return [
+        f"{one.source} counts for nothing: it misses rows, and has no 0.15 s without a gap"
+        for one in motions
+        if not one.joined.any()
+    ]
 
 
 def sliding(motions: Sequence[Motion]) -> np.ndarray:
@@ -167,8 +176,9 @@ def _check(motions: Sequence[Motion]) -> None:
             one_way.append(str(j + 1))
     if short:
         raise IdentificationError(
-            f"too little motion in {names}: each joint must turn for {LEAST_SLIDING:.0f} s in all (actual_qd beyond 0.03 "
-            f"rad/s for longer than 0.15 s at a time); too short: {', '.join(short)}; 60 s of movej in all joints will do"
+            f"too little motion in {names}: each joint must turn for {LEAST_SLIDING:.0f} s in all (actual_qd beyond "
+            f"0.03 rad/s for longer than 0.15 s at a time); too short: {', '.join(short)}; 60 s of movej in all joints "
+            "will do"
         )
     if one_way:
         raise IdentificationError(
@@ -229,7 +239,7 @@ def _delay(motions: Sequence[Motion], base: JointDrives) -> float:
 
     def left(delay: float) -> float:
         late = [one.late(delay) for one in motions]
-        joints = (windows(late, j, base.ripple.order) for j in range(N_JOINTS))
+        joints = (windows(late, j, base.ripple.order.tolist()) for j in range(N_JOINTS))
         return sum(
             len(w.speed) * np.log(unexplained(w, float(base.friction.stribeck_speed[j]))) for j, w in enumerate(joints)
         )

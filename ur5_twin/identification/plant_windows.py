@@ -4,11 +4,13 @@ At each tick k i = tau_link + J_r qdd + friction + ripple - b holds with the mot
 its targets, so that the targets would bias it. Speed is measured to 13 urad/s, only the acceleration is not. Its mean
 over two ticks is (qd_k+1 - qd_k-1) / 2T; what stands beside it is averaged likewise, by Simpson's rule (1, 4, 1) / 6,
 which agrees with the mean of a sine to 1e-4 up to 10 Hz (1 % at 30 Hz). The controller's feed-forward of friction steps
-once a tick and a current is read right after the step; the mean about it is half a step less, else inertias come out 1 to
-3 % too large. Windows of Hann's shape, 0.128 s long, then take
-out what 125 rows a second cannot show: the ripple of the motors at speed, which is folded down to 28 Hz or more as long
-as order * |qd| / 2 pi stays a quarter away from multiples of 125 Hz. Windows lie within sliding: a window has one
-direction of motion and no row slower than ``SLOWEST``, so that friction has its sign and nothing sticks.
+once a tick and a current is read right after the step; the mean about it is half a step less, else inertias come out 1
+to 3 % too large.
+
+Windows of Hann's shape, 0.128 s long, then take out what 125 rows a second cannot show: the ripple of the motors at
+speed, which is folded down to 28 Hz or more as long as order * |qd| / 2 pi stays a quarter away from multiples of 125
+Hz. Windows lie within sliding: a window has one direction of motion and no row slower than ``SLOWEST``, so that
+friction has its sign and nothing sticks.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,7 @@ class Result:
         tables: for the report, errors and uncertainties.
         provenance: command, logs and versions, as ``provenance`` gives them.
         data: what ``report.json`` has besides.
+        beside: files that the model file names: name -> layout and content.
     """
 
     file: str
@@ -67,6 +68,7 @@ class Result:
     tables: tuple[Numbers, ...]
     provenance: dict[str, Any]
     data: dict[str, Any] = field(default_factory=dict)
+    beside: Mapping[str, tuple[Any, dict[str, Any]]] = field(default_factory=dict)
 
 
 def controller_result(
@@ -182,9 +184,12 @@ def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
     Raises:
         ModelError: the fit found what no such file may hold, a negative coefficient say; nothing is written.
     """
-    files.convert(result.model, result.layout, result.file)
+    written = {**result.beside, result.file: (result.layout, result.model)}
+    for name, (layout, content) in written.items():
+        files.convert(content, layout, name)
     tables = "\n\n".join(_table(table) for table in result.tables)
-    write_text(folder / result.file, tomli_w.dumps(result.model))
+    for name, (_, content) in written.items():
+        write_text(folder / name, tomli_w.dumps(content))
     data = {
         "title": result.title,
         "findings": result.findings,
