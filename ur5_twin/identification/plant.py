@@ -35,10 +35,14 @@ from ur5_twin.identification.plant_windows import HOP, LENGTH, Motion, Windows, 
 LEAST_SLIDING = 8.0
 #: Half width of an interval, over the value, beyond which torque constant and inertia are not told.
 _TOLD, _TOLD_INERTIA = 0.15, 0.3
+#: Correlation of the two beyond which an interval is that of a law that is exact, which none is.
+_ENTANGLED = 0.98
 #: The same for load-dependent friction, Nm/Nm, and for what fades, in shares of Coulomb friction.
 _TOLD_LOAD, _TOLD_FADING = 0.08, 1.0
 #: Windows of slow motion (rad/s) from which on friction's fading is sought.
 _SLOW, _LEAST_SLOW = 0.1, 50
+#: Speeds over that of the fading beyond which 0.2 % of it is left.
+_WITHOUT_FADING = 2.5
 _TICK = 0.008
 #: Delays of the current that are tried, s.
 _DELAYS = tuple(0.001 * k for k in range(9))
@@ -204,6 +208,9 @@ def _joint(w: Windows, j: int, given: Mapping[str, np.ndarray], usual: Mapping[s
     notes = []
 
     def take(names: Sequence[str], because: str) -> Solution:
+        nonlocal w
+        if "stribeck" in names:
+            w = _faded(w, float(usual["stribeck_speed"][j]))
         for name in names:
             if name not in known:
                 known[name] = float(usual[name][j])
@@ -226,12 +233,19 @@ def _joint(w: Windows, j: int, given: Mapping[str, np.ndarray], usual: Mapping[s
         now = take(("stribeck_speed",), f"{now.values['stribeck']:.2g} Nm are too little that fades")
     for name in ("rotor_inertia", "torque_constant"):
         share = now.half("torque_constant") / now.values["torque_constant"]
-        if share > _TOLD:
-            now = take((name,), f"the interval of torque_constant is +-{100 * share:.0f} % otherwise")
+        if share > _TOLD or abs(now.entangled) > _ENTANGLED:
+            said = f"otherwise the interval of torque_constant is +-{100 * share:.0f} %"
+            now = take((name,), f"{said}, and its correlation with rotor_inertia {now.entangled:.4f}")
     share = now.half("rotor_inertia") / max(now.values["rotor_inertia"], 1e-9)
     if share > _TOLD_INERTIA:
         now = take(("rotor_inertia",), f"its interval is +-{100 * share:.0f} %, the joint accelerates too little")
     return _Joint(now, first.condition, first.entangled, np.array([name in known for name in FIELDS]), tuple(notes))
+
+
+def _faded(w: Windows, speed: float) -> Windows:
+    """The windows in which nothing fades any more, so that fading taken as known does no harm; all if few are."""
+    fast = np.abs(w.rows).min(axis=1) > _WITHOUT_FADING * speed
+    return w.at(fast) if fast.mean() > 0.5 else w
 
 
 def _delay(motions: Sequence[Motion], base: JointDrives) -> float:

@@ -32,6 +32,8 @@ _LARGEST_CONSTANT = 40.0
 #: Speeds between which that of the fading is sought, rad/s.
 _FADING = (0.01, 0.15)
 _CONFIDENCE = 0.95
+#: Singular value over the largest, of columns of length 1, below which a direction says nothing.
+_SINGULAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ def solve(w: Windows, known: Mapping[str, float]) -> Solution:
 def unexplained(w: Windows, speed: float) -> float:
     """Sum of squares (A^2) that all columns leave, friction fading at a given speed, rad/s."""
     design = _design(w, {}, w.fading(speed)[0])
-    return float(np.linalg.lstsq(design.columns, design.answer, rcond=None)[1].sum())
+    error = design.answer - design.columns @ np.linalg.lstsq(design.columns, design.answer, rcond=None)[0]
+    return float(error @ error)
 
 
 def _fading_speed(w: Windows, known: Mapping[str, float]) -> float:
@@ -144,7 +147,11 @@ def _solution(
         tangent = np.column_stack([columns, inverse * center["stribeck"] * fade_slope])
     covariance, freedom = _sandwich(tangent, answer - columns @ plain, w.block)
     slopes = _slopes(free, center, inverse, tangent.shape[1], seek=fade_slope is not None)
-    std = {name: float(np.sqrt(row @ covariance @ row)) for name, row in slopes.items()}
+    free_of = _untold(tangent)
+    std = {
+        name: np.inf if np.abs(free_of @ row).any() else float(np.sqrt(row @ covariance @ row))
+        for name, row in slopes.items()
+    }
     width = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, max(freedom, 1)))
     ends = {
         side: {
@@ -157,7 +164,7 @@ def _solution(
     }
     both = [slopes[name] for name in ("torque_constant", "rotor_inertia") if name in slopes]
     entangled = np.nan
-    if len(both) == 2:
+    if len(both) == 2 and np.isfinite(std["torque_constant"] * std["rotor_inertia"]):
         entangled = both[0] @ covariance @ both[1] / (std["torque_constant"] * std["rotor_inertia"])
     constant = values["torque_constant"]
     c, s = constant * x[n::2], constant * x[n + 1 :: 2]
@@ -199,6 +206,14 @@ def _slopes(
     if seek:
         slopes["stribeck_speed"] = np.eye(width)[-1]
     return slopes
+
+
+def _untold(columns: np.ndarray) -> np.ndarray:
+    """(k, m) directions of the unknowns that change nothing: along them a sandwich would feign certainty."""
+    length = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    _, size, directions = np.linalg.svd(columns / length, full_matrices=False)
+    none = directions[size < _SINGULAR * size[0]] / length
+    return np.where(np.abs(none) > _SINGULAR * np.abs(none).max(axis=1, keepdims=True, initial=0.0), none, 0.0)
 
 
 def _sandwich(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, int]:

@@ -147,6 +147,10 @@ class Windows:
     ripple: np.ndarray
     rows: np.ndarray
 
+    def at(self, which: np.ndarray) -> Windows:
+        """Some of the windows."""
+        return Windows(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
+
     def fading(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """(n,) means of sgn(qd) exp(-(qd / speed)^2), and of its derivative in speed."""
         squares = (self.rows / speed) ** 2
