@@ -6,7 +6,7 @@
 linear in 1/k and the other numbers over k but for v_s, which is sought beside it (variable projection). tau_link is
 that of the given links, whose masses set the scale; ``plant_windows`` has the columns, ``plant_solve`` the least
 squares. None of J_r, coulomb, load, viscous and friction at standstill is negative. Where the current is reported late,
-all joints' delay is the one that leaves least.
+all joints have one delay, the least that fits.
 
 Intervals are those of least squares with errors that are correlated within a second (a sandwich over blocks, Student's
 t with a block a degree of freedom), carried to the numbers of the law by their derivatives. They hold for the noise,
@@ -29,7 +29,7 @@ from ur5_twin.arm.drive import JointDrives, Ripple
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.errors import IdentificationError, unknown
 from ur5_twin.identification.plant_solve import FIELDS, Solution, solve, unexplained
-from ur5_twin.identification.plant_windows import HOP, LENGTH, Motion, Windows, windows
+from ur5_twin.identification.plant_windows import HOP, LENGTH, SLOWEST, Motion, Windows, windows
 
 #: Least time that a joint must slide in all, s.
 LEAST_SLIDING = 8.0
@@ -44,6 +44,8 @@ _SLOW, _LEAST_SLOW = 0.1, 50
 #: Speeds over that of the fading beyond which 0.2 % of it is left.
 _WITHOUT_FADING = 2.5
 _TICK = 0.008
+#: Mean square below which a current is explained to rounding, A^2.
+_NOTHING = 1e-12
 #: Delays of the current that are tried, s.
 _DELAYS = tuple(0.001 * k for k in range(9))
 
@@ -156,7 +158,7 @@ def _silent(motions: Sequence[Motion]) -> list[str]:
     return [
         f"{one.source} counts for nothing: it misses rows, and has no 0.15 s without a gap"
         for one in motions
-        if not one.joined.any()
+        if not (one.joined[:, None] & (np.abs(one.qd) > SLOWEST)).any()
     ]
 
 
@@ -249,13 +251,25 @@ def _faded(w: Windows, speed: float) -> Windows:
 
 
 def _delay(motions: Sequence[Motion], base: JointDrives) -> float:
-    """s by which the currents are late: what leaves least in all joints together."""
+    """s by which the currents are late: the least that the currents do not speak against, all joints together.
+
+    n log(sum of squares) is twice the negative logarithm of the likelihood; windows overlap, so it takes as many times
+    chi-squared's 3.84.
+    """
+
+    orders = base.ripple.order.tolist()
+    # The number of windows changes a little with the delay, and must not decide.
+    count = [len(windows(motions, j, ()).speed) for j in range(N_JOINTS)]
 
     def left(delay: float) -> float:
         late = [one.late(delay) for one in motions]
-        joints = (windows(late, j, base.ripple.order.tolist()) for j in range(N_JOINTS))
-        return sum(
-            len(w.speed) * np.log(unexplained(w, float(base.friction.stribeck_speed[j]))) for j, w in enumerate(joints)
-        )
+        cost = 0.0
+        for j in range(N_JOINTS):
+            w = windows(late, j, orders)
+            mean = unexplained(w, float(base.friction.stribeck_speed[j])) / len(w.speed)
+            cost += count[j] * np.log(max(mean, _NOTHING))
+        return cost
 
-    return float(min(_DELAYS, key=left))
+    costs = [left(delay) for delay in _DELAYS]
+    enough = min(costs) + 3.84 * LENGTH / HOP
+    return next(delay for delay, cost in zip(_DELAYS, costs, strict=True) if cost <= enough)

@@ -64,7 +64,7 @@ def plant_result(
     }
     findings = [_finding(fit, j) for j in range(N_JOINTS)]
     findings += [
-        f"the currents are reported {fit.delay * 1e3:.0f} ms late, by what leaves least",
+        f"the currents are reported {fit.delay * 1e3:.0f} ms late, or less than a millisecond more",
         "condition number of each joint's columns, all numbers free: " + ", ".join(f"{x:.3g}" for x in fit.condition),
         "correlation of torque constant and rotor inertia: " + ", ".join(f"{x:.2f}" for x in fit.entangled),
         *fit.notes,
