@@ -25,6 +25,9 @@ PUSH = np.array([12.0**2] * 3 + [0.5**2] * 3)
 SLOPE = np.full(6, 0.1)
 #: Of a joint: slow and fast part in motion, then at rest; A and s.
 ERROR = np.tile([0.1, 0.3, 0.3, 0.02, 0.6, 4.0, 0.02, 0.05], (6, 1))
+LASTING, LASTS = np.array([20.0**2] * 3 + [0.3**2] * 3), 3.0
+PUSHES = kalman._Push(PUSH, LENGTH, LASTING, LASTS)
+PRIOR = PUSH + LASTING
 #: Even odds of contact before anything is measured.
 ODDS = 0.0
 
@@ -39,20 +42,20 @@ def posture(singular: bool = False) -> np.ndarray:
 
 def filtered(torque: np.ndarray, J: np.ndarray, moving: bool) -> tuple[np.ndarray, np.ndarray, float]:
     """Wrench, covariance and probability of contact after all rows of torque (n, 6)."""
-    x, P = np.zeros(24), np.zeros((24, 24))
-    kalman._begin(x, P, ERROR, SLOPE, PUSH, LENGTH)
+    x, P = np.zeros(30), np.zeros((30, 30))
+    kalman._begin(x, P, ERROR, SLOPE, PUSHES, 1.0)
     if moving:
         # The slow and the fast part begin as they are at rest; here they begin as they go on.
         for j in range(6):
-            P[12 + j, 12 + j] = (ERROR[j, 0] / SLOPE[j]) ** 2
-            P[18 + j, 18 + j] = (ERROR[j, 2] / SLOPE[j]) ** 2
+            P[18 + j, 18 + j] = (ERROR[j, 0] / SLOPE[j]) ** 2
+            P[24 + j, 24 + j] = (ERROR[j, 2] / SLOPE[j]) ** 2
     rested = np.full(6, np.inf)
     wrench, covariance, tau = np.empty(6), np.empty((6, 6)), np.empty(6)
     contact = 0.0
     for k, row in enumerate(torque):
         current = -row * SLOPE
         contact = kalman._step(
-            x, P, rested, 0.0 if k == 0 else DT, ERROR, PUSH, LENGTH, ODDS, J, current, np.zeros(6), SLOPE,
+            x, P, rested, 0.0 if k == 0 else DT, ERROR, PUSHES, ODDS, J, current, np.zeros(6), SLOPE,
             np.full(6, moving), wrench, covariance, tau,
         )  # fmt: skip
     assert np.allclose(tau, J.T @ wrench)
@@ -69,11 +72,14 @@ def process(torque: np.ndarray, J: np.ndarray, moving: bool) -> tuple[np.ndarray
     noise = np.zeros((n, n))
     for size, time in (ERROR[0, first : first + 2], ERROR[0, first + 2 : first + 4]):
         noise += (size / SLOPE[0]) ** 2 * np.exp(-apart / time)
-    felt = J.T @ np.diag(PUSH) @ J
-    K = np.kron(push, felt) + np.kron(noise + 1e-3 * np.eye(n), np.eye(6))
-    cross = np.kron(push[-1:], np.diag(PUSH) @ J)
+    lasting = np.exp(-apart / LASTS)
+    K = np.kron(noise + 1e-3 * np.eye(n), np.eye(6))
+    cross = np.zeros((6, 6 * n))
+    for alike, size in ((push, PUSH), (lasting, LASTING)):
+        K += np.kron(alike, J.T @ np.diag(size) @ J)
+        cross += np.kron(alike[-1:], np.diag(size) @ J)
     gain = np.linalg.solve(K, cross.T).T
-    return gain @ torque.ravel(), np.diag(PUSH) - gain @ cross.T
+    return gain @ torque.ravel(), np.diag(PRIOR) - gain @ cross.T
 
 
 @pytest.mark.parametrize("moving", [True, False])
@@ -89,12 +95,14 @@ def test_the_filter_is_the_gaussian_process(moving: bool, singular: bool) -> Non
     assert np.allclose(wrench, expected, atol=1e-5)
     assert np.allclose(covariance, spread, rtol=1e-4, atol=1e-5)
     none = np.zeros(6)
-    bayes = multivariate_normal.logpdf(none, wrench, covariance) - multivariate_normal.logpdf(none, none, np.diag(PUSH))
+    bayes = multivariate_normal.logpdf(none, wrench, covariance) - multivariate_normal.logpdf(
+        none, none, np.diag(PRIOR)
+    )
     assert contact == pytest.approx(1.0 / (1.0 + math.exp(bayes - ODDS)), rel=1e-3)
     if singular:
         # No joint feels it: neither an estimate nor an opinion.
         assert wrench[2] == 0.0
-        assert covariance[2, 2] == pytest.approx(PUSH[2])
+        assert covariance[2, 2] == pytest.approx(PRIOR[2])
 
 
 def test_intervals_hold_where_the_world_is_as_believed() -> None:
@@ -106,6 +114,7 @@ def test_intervals_hold_where_the_world_is_as_believed() -> None:
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * DT
         r = math.sqrt(3.0) * apart / LENGTH
         w = np.linalg.cholesky((1.0 + r) * np.exp(-r) + 1e-9 * np.eye(n)) @ rng.normal(size=(n, 6)) * np.sqrt(PUSH)
+        w += np.linalg.cholesky(np.exp(-apart / LASTS)) @ rng.normal(size=(n, 6)) * np.sqrt(LASTING)
         noise = np.zeros((n, 6))
         for size, time in (ERROR[0, :2], ERROR[0, 2:4]):
             noise += np.linalg.cholesky(np.exp(-apart / time)) @ rng.normal(size=(n, 6)) * size / SLOPE[0]
