@@ -12,12 +12,12 @@ The measurement is, per joint, the torque that the measured current has over the
   identification found for motion and for rest (``identification.residual``). At rest slow is large and lasting: a gear
   sticks with whatever it stopped with, and that is no contact.
 
-What lasts at rest may be either: the first takes pushes of more than a second or two for friction little by little, the
-second holds them and takes more friction for a push. A torque that fits no wrench of ordinary size is friction, one that
-appears while all joints rest and fits a wrench is a push, and in motion the ripple is averaged as long as its own
+What lasts at rest may be either: the first takes pushes of more than a second or two for friction little by little,
+the second holds them and takes more friction for a push. A torque that fits no wrench of ordinary size is friction, one
+that appears while all joints rest and fits a wrench is a push, and in motion the ripple is averaged as long as its own
 correlation asks for. It starts untouched, as a force sensor is tared. What no joint feels near a singularity stays at
-the prior. The filter's covariance is the estimate's; the probability of contact is the Bayes factor of w = 0 (Savage and
-Dickey).
+the prior. The filter's covariance is the estimate's; the probability of contact is the Bayes factor of w = 0 (Savage
+and Dickey).
 """
 
 from __future__ import annotations
