@@ -5,9 +5,9 @@
 
 LOGS is a folder with one folder per movement. Each of the five free logs is estimated with a current map of the other
 four, so that drives, ripple and noise are real and unknown, while the pushes (up to 40 N and 2 s by hand, up to 60 N
-and 6 s by one who leans, any direction, seeded) are known exactly: actual_current - slope J' w. Prints, for each setting of
-the filter's expected push, error, coverage and what saying nothing would cost. The settings in models/estimators.toml
-are chosen by it; no log with a force sensor takes part.
+and 6 s by one who leans, any direction, seeded) are known exactly: actual_current - slope J' w. Prints, for each
+setting of the filter's expected push, error, coverage and what saying nothing would cost. The settings in
+models/estimators.toml are chosen by it; no log with a force sensor takes part.
 """
 
 from __future__ import annotations
