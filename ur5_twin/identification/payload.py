@@ -315,7 +315,7 @@ class _Problem:
             pull = prior * np.concatenate([-shared, (self._mean - own).ravel()])
             step = np.linalg.solve(information, gradients.sum(axis=0) + pull)
             inverse = np.linalg.inv(information)
-            covariance = inverse @ (gradients.T @ gradients + np.diag(prior)) @ inverse
+            covariance = spread.at_least(inverse @ (gradients.T @ gradients + np.diag(prior)) @ inverse, inverse)
             shared = shared + step[:width]
             own = own + step[width:].reshape(N_JOINTS, size)
             weights = [

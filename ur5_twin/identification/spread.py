@@ -28,6 +28,12 @@ def sandwich(columns: np.ndarray, error: np.ndarray, blocks: np.ndarray, prior: 
     return inverse @ (gradients.T @ gradients * (number / max(1, number - 1)) + known) @ inverse
 
 
+def at_least(covariance: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """A covariance (k, k) stretched where its deviations are below those of another: a few blocks may agree by chance."""
+    stretch = np.sqrt(np.maximum(1.0, np.diag(least) / np.maximum(np.diag(covariance), 1e-300)))
+    return covariance * np.outer(stretch, stretch)
+
+
 def by_block(values: np.ndarray, blocks: np.ndarray, number: int) -> np.ndarray:
     """(number, k) sums of values (n, k) over the rows of each block; blocks (n,) rise."""
     sums = np.zeros((number, values.shape[1]))
