@@ -25,21 +25,14 @@ from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import spread
 from ur5_twin.identification.clocks import Correlation, correlate, group_delay, smoothed
+from ur5_twin.identification.flange import BAND, BLOCK, EDGE, LEVER, LINEAR, RATE, TURN, flange_felt
 from ur5_twin.recording.table import Recording
-from ur5_twin.sensing.kinetics import FlangeMotion
-from ur5_twin.sensing.signals import Signals
 from ur5_twin.sensing.specs import SensorSuite
 
-#: Both sides are compared below this, Hz: links bend above, and vibrate in motion.
-_BAND = 4.0
-#: Rows a second of the comparison: twice as many as the band needs.
-_RATE = 20.0
-#: Of a block of correlated errors, s.
-_BLOCK = 1.0
 #: The device's clock is looked for as far from where the log puts it, s.
 _REACH = 1.0
 #: Turning faster than this for as long tells a mounting, rad/s and s.
-_TURNS, _SHORTEST = 0.1, 3.0
+_TURNS, _SHORTEST = 0.1, 1.0
 #: Parameters: shift, drift, rotation, place, gains and biases of accelerometer and gyroscope.
 NAMES = (
     "shift",
@@ -56,7 +49,7 @@ ROTATION, PLACE, ACC_GAIN, ACC_BIAS, GYRO_GAIN, GYRO_BIAS = (slice(k, k + 3) for
 _OFF = np.array(
     [
         1.0,
-        1e-3,
+        1e-2,
         *np.full(3, 2.0),
         *np.full(3, 0.2),
         *np.full(3, 0.1),
@@ -65,10 +58,8 @@ _OFF = np.array(
         *np.full(3, 0.5),
     ]
 )
-#: Errors that no device is below, m/s^2 and rad/s, and the s at either end that a filter spoils.
-_LEAST, _EDGE = np.array([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4]), 0.3
-#: Columns of what the flange feels.
-_LINEAR, _LEVER, _TURN = slice(0, 3), slice(3, 12), slice(12, 15)
+#: Errors that no device is below, m/s^2 and rad/s.
+_LEAST = np.array([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4])
 
 
 @dataclass(frozen=True)
@@ -116,7 +107,7 @@ def fit_imu(recording: Recording, arm: ArmModel, p_FA: np.ndarray, suite: Sensor
     if table is None or missing:
         raise IdentificationError(f"{recording.source}: no {', '.join(missing)}; record an IMU at the flange")
     time, felt = flange_felt(recording, arm)
-    speed = np.linalg.norm(felt[:, _TURN], axis=1)
+    speed = np.linalg.norm(felt[:, TURN], axis=1)
     turning = float(np.gradient(time) @ (speed > _TURNS))
     if turning < _SHORTEST:
         raise IdentificationError(
@@ -126,25 +117,24 @@ def fit_imu(recording: Recording, arm: ArmModel, p_FA: np.ndarray, suite: Sensor
     offset = recording.offset("imu")
     known = np.isfinite(table["imu_acc"]).all(axis=1) & np.append(np.diff(table.time) > 0, True)
     reading = np.concatenate([table["imu_acc"][known], table["imu_gyro"][known]], axis=1)
-    stamp, reading = smoothed(table.time[known] + (offset or 0.0), reading, _BAND)
+    stamp, reading = smoothed(table.time[known] + (offset or 0.0), reading, BAND)
     late = np.array([group_delay(suite.acceleration.bandwidth), group_delay(suite.rate.bandwidth)])
     clock = correlate(stamp - late[1], np.linalg.norm(reading[:, 3:], axis=1), time, speed, _REACH)
     at = stamp + clock.shift
-    rows = np.flatnonzero((at > time[0] + _EDGE) & (at < time[-1] - _EDGE))[
-        :: round(len(stamp) / (stamp[-1] - stamp[0]) / _RATE)
+    rows = np.flatnonzero((at > time[0] + EDGE) & (at < time[-1] - EDGE))[
+        :: round(len(stamp) / (stamp[-1] - stamp[0]) / RATE)
     ]
     stamp, reading = stamp[rows], reading[rows]
     spline = CubicSpline(time, felt)
-    middle = float(stamp.mean())
 
     def predict(x: np.ndarray) -> np.ndarray:
-        at = stamp + x[SHIFT] + x[DRIFT] * (stamp - middle)
+        at = stamp + x[SHIFT] + x[DRIFT] * stamp
         R_FA = spatial.rotation_from_vector(x[ROTATION])
         # What a filter lets through now it saw its delay ago.
         then = spline(at - late[0])
-        acceleration = then[:, _LINEAR] + then[:, _LEVER].reshape(-1, 3, 3) @ x[PLACE]
+        acceleration = then[:, LINEAR] + then[:, LEVER].reshape(-1, 3, 3) @ x[PLACE]
         acc = acceleration @ R_FA * x[ACC_GAIN] + x[ACC_BIAS]
-        gyro = spline(at - late[1])[:, _TURN] @ R_FA * x[GYRO_GAIN] + x[GYRO_BIAS]
+        gyro = spline(at - late[1])[:, TURN] @ R_FA * x[GYRO_GAIN] + x[GYRO_BIAS]
         return np.concatenate([acc, gyro], axis=1)
 
     mounted = np.zeros(len(NAMES))
@@ -153,10 +143,10 @@ def fit_imu(recording: Recording, arm: ArmModel, p_FA: np.ndarray, suite: Sensor
     mounted[ACC_GAIN], mounted[GYRO_GAIN] = _or(suite.acceleration.gain, 1.0), _or(suite.rate.gain, 1.0)
     mounted[ACC_BIAS], mounted[GYRO_BIAS] = _or(suite.acceleration.bias, 0.0), _or(suite.rate.bias, 0.0)
     start = mounted.copy()
-    R_AF = Rotation.align_vectors(reading[:, 3:], spline(stamp + clock.shift - late[1])[:, _TURN])[0]
+    R_AF = Rotation.align_vectors(reading[:, 3:], spline(stamp + clock.shift - late[1])[:, TURN])[0]
     start[ROTATION] = R_AF.inv().as_rotvec()
     weight = np.ones(6)
-    block = ((stamp - stamp[0]) / _BLOCK).astype(int)
+    block = ((stamp - stamp[0]) / BLOCK).astype(int)
     found = None
     for _ in range(3):
         found = least_squares(
@@ -179,30 +169,6 @@ def fit_imu(recording: Recording, arm: ArmModel, p_FA: np.ndarray, suite: Sensor
     return ImuFit(
         recording.source, found.x, std, before, after, clock, offset, stamp + clock.shift, reading, predicted, preset
     )
-
-
-def flange_felt(recording: Recording, arm: ArmModel) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) on the robot's clock, and the flange's acceleration less gravity, S(alpha) + S(omega)^2 row by row and
-    omega (n, 15) there, flange axes, below the band.
-
-    Raises:
-        IdentificationError: actual_q or actual_qd is missing.
-    """
-    robot = recording.robot
-    missing = [name for name in ("actual_q", "actual_qd") if name not in robot]
-    if missing:
-        raise IdentificationError(f"{recording.source}: no {', '.join(missing)}; the flange's motion comes from them")
-    step = float(np.median(np.diff(robot.time)))
-    time = np.arange(robot.time[0], robot.time[-1], step)
-    q, qd = (
-        np.stack([np.interp(time, robot.time, column) for column in robot[name].T], axis=1)
-        for name in ("actual_q", "actual_qd")
-    )
-    none = np.zeros_like(q)
-    motion = FlangeMotion.of(arm, Signals(time, q, qd, np.gradient(qd, step, axis=0), none, none))
-    a, omega, alpha = (motion.into_flange(v) for v in (motion.acceleration, motion.omega, motion.alpha))
-    lever = spatial.skew(alpha) + spatial.skew(omega) @ spatial.skew(omega)
-    return smoothed(time, np.concatenate([a, lever.reshape(-1, 9), omega], axis=1), _BAND)
 
 
 def _or(values: np.ndarray | None, otherwise: float) -> np.ndarray:
