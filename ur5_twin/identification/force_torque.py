@@ -37,18 +37,19 @@ from ur5_twin.recording.table import Recording
 from ur5_twin.sensing.specs import SensorSuite
 from ur5_twin.sources.recorded import commanded
 
-#: Parameters of the fit by weight: s, rotation vector of R_FS in rad, N and Nm, kg, kg m.
+#: Parameters of the fit by weight: s in the middle of the log, s/s, rotation vector of R_FS in rad, N and Nm, kg, kg m.
 NAMES = (
     "shift",
+    "drift",
     *(f"rotation_{axis}" for axis in "xyz"),
     *(f"bias_{axis}" for axis in ("fx", "fy", "fz", "mx", "my", "mz")),
     "mass",
     *(f"moment_{axis}" for axis in "xyz"),
 )
-SHIFT, ROTATION, BIAS, MASS, MOMENT = 0, slice(1, 4), slice(4, 10), 10, slice(11, 14)
+SHIFT, DRIFT, ROTATION, BIAS, MASS, MOMENT = 0, 1, slice(2, 5), slice(5, 11), 11, slice(12, 15)
 #: How far each may be off what is known, one standard deviation: a sensor's clock, its mounting, its bias, and a load that
 #: the tool's table does not have.
-_OFF = np.array([0.2, *np.full(3, 1.5), *np.full(3, 100.0), *np.full(3, 10.0), 0.1, *np.full(3, 0.01)])
+_OFF = np.array([0.2, 1e-3, *np.full(3, 1.5), *np.full(3, 100.0), *np.full(3, 10.0), 0.1, *np.full(3, 0.01)])
 #: Errors that no sensor is below, N and Nm.
 _LEAST = np.array([2e-3, 2e-3, 2e-3, 1e-4, 1e-4, 1e-4])
 #: Standard deviations beyond which a row is somebody's push.
@@ -61,6 +62,10 @@ _REFINED = 4
 _ALIKE, _HEAVY = 0.7, 0.02
 #: A mounting that nothing tells stays as it is known, rad.
 _KEPT = 1e-3
+#: An adapter's holes let a sensor be mounted turned about its axis, and hardly askew, one standard deviation, rad.
+_TILTED = np.array([0.1, 0.1, 0.5])
+#: Turns about the sensor's axis that pushes are tried with, rad.
+_TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 #: Fewer free rows than these tell nothing, s.
 _FREE = 0.5
 #: Shifts tried for the pushes, s, and a push that is one, Nm.
@@ -74,7 +79,8 @@ class PushFit:
     """What pushes tell.
 
     Attributes:
-        shift, shift_std: s.
+        shift, shift_std: s in the middle of the log.
+        drift, drift_std: s/s.
         turn, turn_std: (3,) rotation vector of R_FS beyond the one by weight or the preset, rad.
         explained: (6,) share of the current's variance beside motion and friction that the pushes explain; NaN for
             joints that no push loads.
@@ -83,6 +89,8 @@ class PushFit:
 
     shift: float
     shift_std: float
+    drift: float
+    drift_std: float
     turn: np.ndarray
     turn_std: np.ndarray
     explained: np.ndarray
@@ -95,7 +103,7 @@ class FtFit:
 
     Attributes:
         source: the log.
-        values, std: (14,) in the order of ``NAMES``, by weight.
+        values, std: (15,) in the order of ``NAMES``, by weight.
         free: share of the rows that nobody touches.
         turns: whether the flange's orientation changed enough to tell bias from weight.
         before, after: (6,) root mean square errors over the free rows, N and Nm: bias from the first row alone, and
@@ -151,8 +159,10 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
     spline = CubicSpline(time, felt)
     late = group_delay(suite.ft.bandwidth)
 
+    middle = float(stamp.mean())
+
     def predict(x: np.ndarray) -> np.ndarray:
-        then = spline(stamp + x[SHIFT] - late)
+        then = spline(stamp + x[SHIFT] + x[DRIFT] * (stamp - middle) - late)
         a = then[:, LINEAR]
         force = -(x[MASS] * a + then[:, LEVER].reshape(-1, 3, 3) @ x[MOMENT])
         wrench = np.concatenate([force, -np.cross(x[MOMENT], a)], axis=1)
@@ -281,10 +291,12 @@ def _by_pushes(
     rise = np.tanh(qd / _RISE)
     reading = CubicSpline(stamp, table["ft_wrench"][known] - x[BIAS])
 
-    def answer(shift: float, turn: np.ndarray) -> np.ndarray:
-        """(n, 6) J' w, Nm, of rows that are late by -shift."""
-        at = np.clip(robot.time - shift + late, stamp[0], stamp[-1])
-        R_FS = spatial.rotation_from_vector(x[ROTATION]) @ spatial.rotation_from_vector(turn)
+    middle = float(robot.time.mean())
+
+    def answer(y: np.ndarray) -> np.ndarray:
+        """(n, 6) J' w, Nm, by shift, drift and turn."""
+        at = np.clip(robot.time - y[0] - y[1] * (robot.time - middle) + late, stamp[0], stamp[-1])
+        R_FS = spatial.rotation_from_vector(x[ROTATION]) @ spatial.rotation_from_vector(y[2:])
         at_flange = spatial.shift_wrench(spatial.rotate_wrench(R_FS, reading(at)), -p_FS) - weight
         return np.einsum("nij,ni->nj", J, spatial.rotate_wrench(R_BF, at_flange))
 
@@ -299,7 +311,7 @@ def _by_pushes(
         return picked.reshape(len(at), *values.shape[1:])
 
     current, motion = slow(robot["actual_current"]), slow(plain)
-    sizes = np.percentile(np.abs(slow(answer(x[SHIFT], np.zeros(3)))), 95, axis=0)
+    sizes = np.percentile(np.abs(slow(answer(np.array([x[SHIFT], 0.0, 0.0, 0.0, 0.0])))), 95, axis=0)
     pushed = np.flatnonzero(sizes > _PUSHED)
     if not len(pushed):
         return None
@@ -308,37 +320,46 @@ def _by_pushes(
     left = [off_j(current[:, j]) for off_j, j in zip(off, pushed, strict=True)]
     scale = np.array([part.std() for part in left])
 
-    def errors(shift: float, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def errors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, joints) what the pushes leave of the currents, in their own deviations, and the share explained."""
-        pushes = slow(answer(shift, turn))
+        pushes = slow(answer(y))
         error, explained = [], []
         for k, j in enumerate(pushed):
             column = off[k](pushes[:, j])
-            gain = -max(0.0, -float(column @ left[k]) / max(float(column @ column), 1e-12))
+            # A motor works against a push, never with it.
+            gain = min(0.0, float(column @ left[k]) / max(float(column @ column), 1e-12))
             error.append((left[k] - gain * column) / scale[k])
             explained.append(1.0 - error[-1].var())
         return np.stack(error, axis=1), np.array(explained)
 
-    curve = np.array([errors(shift, np.zeros(3))[1].mean() for shift in _SHIFTS])
-    start = np.array([_SHIFTS[int(np.argmax(curve))], 0.0, 0.0, 0.0])
+    curves = {
+        turn: np.array([errors(np.array([shift, 0.0, 0.0, 0.0, turn]))[1].mean() for shift in _SHIFTS])
+        for turn in (_TURNS if turns else _TURNS[:1])
+    }
+    turn = max(curves, key=lambda key: curves[key].max())
+    start = np.array([_SHIFTS[int(np.argmax(curves[turn]))], 0.0, 0.0, 0.0, turn])
     # Weight knows the sensor's axes better than pushes do.
-    off_known = np.array([0.3, *np.full(3, 1.5 if turns else _KEPT)])
+    known_by = np.array([0.3, _OFF[DRIFT], *(_TILTED if turns else np.full(3, _KEPT))])
+    steps = np.array([0.01, 1e-3, 0.01, 0.01, 0.01])
+    middle_of = np.array([0.0, 0.0, 0.0, 0.0, turn])
     result = least_squares(
-        lambda y: np.concatenate([errors(y[0], y[1:])[0].ravel(), y / off_known]),
+        lambda y: np.concatenate([errors(y)[0].ravel(), (y - middle_of) / known_by]),
         start,
-        x_scale=np.full(4, 0.01),
+        x_scale=steps,
         diff_step=1e-3,
     )
-    error, explained = errors(result.x[0], result.x[1:])
+    error, explained = errors(result.x)
     block = np.repeat(np.arange(len(error)) // round(BLOCK * RATE), len(pushed))
-    information = np.diag(1.0 / off_known**2) * error.var()
-    jacobian = result.jac[: error.size]
-    covariance = spread.sandwich(jacobian, error.ravel(), block, information)
+    covariance = spread.sandwich(
+        result.jac[: error.size] / error.std(), error.ravel() / error.std(), block, np.diag(1.0 / known_by**2)
+    )
     std = np.sqrt(np.diag(covariance))
     shares = np.full(N_JOINTS, np.nan)
     shares[pushed] = explained
-    clock = Correlation(_SHIFTS, np.sqrt(np.maximum(curve, 0.0)), float(result.x[0]))
-    return PushFit(float(result.x[0]), float(std[0]), result.x[1:], std[1:], shares, clock)
+    clock = Correlation(_SHIFTS, np.sqrt(np.maximum(curves[turn], 0.0)), float(result.x[0]))
+    return PushFit(
+        *(float(v) for v in (result.x[0], std[0], result.x[1], std[1])), result.x[2:], std[2:], shares, clock
+    )
 
 
 def _rejector(columns: np.ndarray):

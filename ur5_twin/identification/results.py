@@ -51,7 +51,7 @@ class Result:
     Attributes:
         file: name of the model file.
         layout: what a reader of that file checks it against.
-        model: its content, in the layout of ``models/*.toml``.
+        model: its content, in the layout of ``models/*.toml``; None if there is nothing to put in a file.
         title: what was identified.
         findings: sentences for the report.
         tables: for the report, errors and uncertainties.
@@ -61,7 +61,7 @@ class Result:
 
     file: str
     layout: Any
-    model: dict[str, Any]
+    model: dict[str, Any] | None
     title: str
     findings: tuple[str, ...]
     tables: tuple[Numbers, ...]
@@ -182,9 +182,11 @@ def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
     Raises:
         ModelError: the fit found what no such file may hold, a negative coefficient say; nothing is written.
     """
-    files.convert(result.model, result.layout, result.file)
+    if result.model is not None:
+        files.convert(result.model, result.layout, result.file)
     tables = "\n\n".join(_table(table) for table in result.tables)
-    write_text(folder / result.file, tomli_w.dumps(result.model))
+    if result.model is not None:
+        write_text(folder / result.file, tomli_w.dumps(result.model))
     data = {
         "title": result.title,
         "findings": result.findings,
