@@ -152,6 +152,23 @@ def sensor_names() -> tuple[str, ...]:
     return (*files.read_named(_SHIPPED, SuiteSpec), IDEAL)
 
 
+def load_suite(name: str | Path = "lab") -> SuiteSpec:
+    """A preset as its file has it; the lab's for the one without any fault.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    return _chosen(name)[1]
+
+
+def _chosen(name: str | Path) -> tuple[str, SuiteSpec]:
+    if str(name) == IDEAL:
+        return IDEAL, files.read_named(_SHIPPED, SuiteSpec)["lab"]
+    if not str(name).endswith(".toml") and str(name) not in sensor_names():
+        raise ModelError(unknown("sensor preset", str(name), sensor_names()) + ", or give the path of a .toml file")
+    return files.choose(name, _SHIPPED, SuiteSpec, "sensor preset")
+
+
 def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> SensorSuite:
     """A preset by name, or a file with one table of the same layout.
 
@@ -163,12 +180,9 @@ def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> Se
     Raises:
         ModelError: the name is unknown or the file is wrong.
     """
-    if str(name) == IDEAL:
-        spec = files.read_named(_SHIPPED, SuiteSpec)["lab"]
+    key, spec = _chosen(name)
+    if key == IDEAL:
         return _ideal(spec, late_packages)
-    if not str(name).endswith(".toml") and str(name) not in sensor_names():
-        raise ModelError(unknown("sensor preset", str(name), sensor_names()) + ", or give the path of a .toml file")
-    key, spec = files.choose(name, _SHIPPED, SuiteSpec, "sensor preset")
     ft, imu = spec.force_torque, spec.imu
     return SensorSuite(
         name=key,
