@@ -1,11 +1,12 @@
 """How a force sensor sits on the flange, what it reads without load, what hangs on it, and how late its rows are.
 
 **By weight.** Where nobody touches the tool a sensor reads its bias and what the load beyond it weighs, in its own axes
-about its own origin::
+about its own origin; b is the bias at the log's begin, and wanders from there::
 
-    y(t) = b + [R_SF f; R_SF (n - p_FS x f)],   f = -(m a + (S(alpha) + S(omega)^2) m c),   n = -m c x a
+    y(t) = b(t) + [R_SF f; R_SF (n - p_FS x f)],   f = -(m a + (S(alpha) + S(omega)^2) m c),   n = -m c x a
 
-with a the flange's acceleration less gravity at t + shift; the load's own tensor is left out, as it is too small to be felt.
+with a the flange's acceleration less gravity at t + shift, and what turning the load about its own centre takes by
+the tool's table.
 Rows in which somebody pushes disagree with that and count nothing (Tukey's biweight).
 
 **By pushes.** The motors' currents answer what pushes the arm, joint by joint::
@@ -32,7 +33,7 @@ from ur5_twin.arm.parameters import FT_SENSOR, N_JOINTS, ArmModel
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import spread
 from ur5_twin.identification.clocks import Correlation, group_delay, smoothed
-from ur5_twin.identification.flange import BAND, BLOCK, EDGE, LEVER, LINEAR, RATE, flange_felt
+from ur5_twin.identification.flange import BAND, BLOCK, EDGE, LEVER, LINEAR, RATE, TURN, flange_felt
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing.specs import SensorSuite
 from ur5_twin.sources.recorded import commanded
@@ -56,6 +57,8 @@ _LEAST = np.array([2e-3, 2e-3, 2e-3, 1e-4, 1e-4, 1e-4])
 _CUT = 5.0
 #: Rounds, of which the first count far rows less and the later ones not at all.
 _ROUNDS, _GENTLE = 12, 5
+#: By how much of itself gravity must turn in the flange's axes to tell weight from bias.
+_TURNED = 0.2
 #: Of the fit by weight.
 _REFINED = 4
 #: A load tells the sensor's axes if its weight shows alike along all of them, and if it is more than this, kg.
@@ -66,6 +69,8 @@ _KEPT = 1e-3
 _TILTED = np.array([0.1, 0.1, 0.5])
 #: Turns about the sensor's axis that pushes are tried with, rad.
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
+#: The bias wanders, as fast as the preset says; between such times along a line, s.
+_WANDER = 5.0
 #: Fewer free rows than these tell nothing, s.
 _FREE = 0.5
 #: Shifts tried for the pushes, s, and a push that is one, Nm.
@@ -146,7 +151,7 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
         raise IdentificationError(f"{recording.source}: no ft_wrench; record the force sensor")
     assert arm.tool is not None
     p_FS = arm.tool.sensors[FT_SENSOR]
-    mass, center, _ = arm.tool.distal_to(FT_SENSOR)
+    mass, center, tensor = arm.tool.distal_to(FT_SENSOR)
     time, felt = flange_felt(recording, arm)
     offset = recording.offset("ft")
     known = np.isfinite(table["ft_wrench"]).all(axis=1) & np.append(np.diff(table.time) > 0, True)
@@ -160,14 +165,21 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
     late = group_delay(suite.ft.bandwidth)
 
     middle = float(stamp.mean())
+    knots = np.linspace(stamp[0], stamp[-1], max(2, round((stamp[-1] - stamp[0]) / _WANDER) + 1))
+    between = np.stack([np.interp(stamp, knots, hat) for hat in np.eye(len(knots))], axis=1)
 
     def predict(x: np.ndarray) -> np.ndarray:
         then = spline(stamp + x[SHIFT] + x[DRIFT] * (stamp - middle) - late)
-        a = then[:, LINEAR]
-        force = -(x[MASS] * a + then[:, LEVER].reshape(-1, 3, 3) @ x[MOMENT])
-        wrench = np.concatenate([force, -np.cross(x[MOMENT], a)], axis=1)
+        a, omega, lever = then[:, LINEAR], then[:, TURN], then[:, LEVER].reshape(-1, 3, 3)
+        # S(omega)^2 is symmetric, so that alpha is what is not.
+        alpha = 0.5 * np.stack(
+            [lever[:, 2, 1] - lever[:, 1, 2], lever[:, 0, 2] - lever[:, 2, 0], lever[:, 1, 0] - lever[:, 0, 1]], axis=1
+        )
+        spin = alpha @ tensor + np.cross(omega, omega @ tensor)
+        wrench = np.concatenate([-(x[MASS] * a + lever @ x[MOMENT]), -np.cross(x[MOMENT], a) - spin], axis=1)
         R_SF = spatial.rotation_from_vector(x[ROTATION]).T
-        return spatial.rotate_wrench(R_SF, spatial.shift_wrench(wrench, p_FS)) + x[BIAS]
+        wander = between @ np.concatenate([np.zeros((1, 6)), x[len(NAMES) :].reshape(-1, 6)])
+        return spatial.rotate_wrench(R_SF, spatial.shift_wrench(wrench, p_FS)) + x[BIAS] + wander
 
     prior = np.zeros(len(NAMES))
     prior[SHIFT] = -suite.ft.delay
@@ -176,38 +188,46 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
     linear, weight = _linear(spline(stamp + prior[SHIFT] - late)[:, LINEAR], reading)
     start, told = prior.copy(), _rotation(linear)
     start[BIAS] = linear[0]
-    if told is not None:
-        start[ROTATION] = told
     off = _OFF.copy()
     if told is None:
         off[ROTATION] = _KEPT
-    x, jacobian, error, weight = _by_weight(predict, reading, start, prior, off, weight)
+    else:
+        start[ROTATION] = told
+    known_by = _known_by(off, _LEAST if suite.ft.drift is None else suite.ft.drift, knots)
+    x, jacobian, error, weight = _by_weight(predict, between, reading, start, prior, known_by, weight)
     free = weight.max(axis=1) > 0
     if free.sum() < _FREE * RATE:
         raise IdentificationError(
             f"{recording.source}: the force sensor is free of contact for {free.sum() / RATE:.2f} s; leave it alone for "
             f"{_FREE:g} s at least, better in several orientations"
         )
+    gravity = spline(stamp[free])[:, LINEAR]
     block = np.repeat(((stamp - stamp[0]) / BLOCK).astype(int), 6)
-    information = np.diag(1.0 / off**2)
+    information = known_by.T @ known_by
     covariance = spread.at_least(
         spread.sandwich(jacobian, error, block, information), np.linalg.inv(jacobian.T @ jacobian + information)
     )
-    std = np.sqrt(np.diag(covariance))
+    predicted = predict(x)
+    x, std = x[: len(NAMES)], np.sqrt(np.diag(covariance))[: len(NAMES)]
+    turns = bool(np.linalg.norm(gravity - gravity.mean(axis=0), axis=1).max() > _TURNED * arm.gravity)
+    after = np.sqrt(((reading - predicted)[free] ** 2).mean(axis=0))
     if told is None:
         std[ROTATION] = np.nan
-    gravity = spline(stamp[free])[:, LINEAR]
+        if turns:
+            # No weight reads like this: what the fit leaves is no noise but something else, and may hide in the rest.
+            std[BIAS] = np.hypot(std[BIAS], after)
+            std[MASS] = np.hypot(std[MASS], np.linalg.norm(after[:3]) / arm.gravity)
+            std[MOMENT] = np.hypot(std[MOMENT], np.linalg.norm(after[3:]) / arm.gravity)
     pushes = _by_pushes(recording, arm, x, p_FS, suite, told is None) if (~free).any() else None
-    predicted = predict(x)
     before = reading[free] - first
     return FtFit(
         source=recording.source,
         values=x,
         std=std,
         free=float(free.mean()),
-        turns=bool(np.linalg.norm(gravity - gravity.mean(axis=0), axis=1).max() > 0.2 * arm.gravity),
+        turns=turns,
         before=np.sqrt((before**2).mean(axis=0)),
-        after=np.sqrt(((reading - predicted)[free] ** 2).mean(axis=0)),
+        after=after,
         pushes=pushes,
         offset=offset,
         time=stamp + x[SHIFT],
@@ -215,6 +235,16 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
         predicted=predicted,
         untouched=free,
     )
+
+
+def _known_by(off: np.ndarray, drift: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """(k, k) root of the information there was before: of each number by itself, of a bias that wanders by its steps."""
+    steps = np.eye(len(knots) - 1) - np.eye(len(knots) - 1, k=-1)
+    wander = np.kron(steps, np.diag(1.0 / (drift * np.sqrt(knots[1] - knots[0]))))
+    root = np.zeros((len(off) + len(wander),) * 2)
+    root[: len(off), : len(off)] = np.diag(1.0 / off)
+    root[len(off) :, len(off) :] = wander
+    return root
 
 
 def _linear(acceleration: np.ndarray, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -242,21 +272,38 @@ def _rotation(linear: np.ndarray) -> np.ndarray | None:
 
 def _by_weight(
     predict: Callable[[np.ndarray], np.ndarray],
+    between: np.ndarray,
     reading: np.ndarray,
     x: np.ndarray,
     prior: np.ndarray,
-    off: np.ndarray,
+    known_by: np.ndarray,
     weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Parameters, weighted Jacobian and errors, and weights (n, 6) of the fit to the rows without pushes."""
+    more = np.zeros(len(known_by) - len(x))
+    x, prior = np.concatenate([x, more]), np.concatenate([prior, more])
     low = np.full(len(x), -np.inf)
     low[MASS] = -1e-9
+    constant = np.concatenate([np.ones((len(between), 1)), between[:, 1:]], axis=1)
+    constant = np.kron(constant, np.eye(6))
+
+    def slopes(y: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Of the residuals: by differences where predict bends, from predict itself where it does not."""
+        columns, here = np.empty((reading.size, len(y))), predict(y)
+        columns[:, BIAS], columns[:, len(NAMES) :] = constant[:, :6], constant[:, 6:]
+        for k in range(len(NAMES)):
+            if not BIAS.start <= k < BIAS.stop:
+                step = 1e-6 if k < BIAS.start else 1.0
+                columns[:, k] = ((predict(y + step * np.eye(len(y))[k]) - here) / step).ravel()
+        return np.concatenate([columns * w.reshape(-1, 1), known_by])
+
     for _ in range(_REFINED):
         found = least_squares(
-            lambda y, w: np.concatenate([((predict(y) - reading) * w).ravel(), (y - prior) / off]),
+            lambda y, w: np.concatenate([((predict(y) - reading) * w).ravel(), known_by @ (y - prior)]),
             np.maximum(x, low + 1e-9),
-            x_scale=off,
+            x_scale=np.linalg.norm(np.linalg.inv(known_by), axis=1),
             bounds=(low, np.full(len(x), np.inf)),
+            jac=slopes,
             args=(weight,),
             max_nfev=30,
         )

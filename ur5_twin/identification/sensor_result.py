@@ -164,8 +164,11 @@ def _ft(
     clock = np.array([ft_shift(item) for item in fits])
     turns = np.array([np.concatenate(ft_turn(item)) for item in fits])
     bias, bias_std = together(values[:, force_torque.BIAS], std[:, force_torque.BIAS])
-    shift, shift_std = together(clock[:, :1], clock[:, 1:2])
-    drift, drift_std = together(clock[:, 2:3], clock[:, 3:])
+    # At rest gears stick and the servo's integral answers late: logs in motion know better.
+    moved = np.array([item.turns for item in fits])
+    best = moved if moved.any() else np.ones(len(fits), dtype=bool)
+    shift, shift_std = together(clock[best, :1], clock[best, 1:2])
+    drift, drift_std = together(clock[best, 2:3], clock[best, 3:])
     axes = force_torque.NAMES[force_torque.BIAS]
     tables.append(
         Numbers(
@@ -204,7 +207,8 @@ def _ft(
     tables.append(Numbers("Error without contact, root mean square", "N, Nm", logs, heads, errors))
     findings += [
         "force sensor: bias " + _listed(bias, NINETY_FIVE * bias_std) + " N and Nm (95 %)",
-        f"force sensor: its rows are {-1e3 * shift[0]:.1f} ± {1e3 * NINETY_FIVE * shift_std[0]:.1f} ms late",
+        f"force sensor: its rows are {-1e3 * shift[0]:.1f} ± {1e3 * NINETY_FIVE * shift_std[0]:.1f} ms late"
+        + ("" if best.all() else " (logs in motion alone: at rest gears stick and the servo answers late)"),
     ]
     findings += [
         f"{item.source}: one orientation, bias and weight cannot be told apart beyond what the tool's table says"
@@ -226,9 +230,9 @@ def _ft(
     offset = [item.offset for item in fits if item.offset is not None]
     slow = float(drift[0]) if abs(drift[0]) > NINETY_FIVE * drift_std[0] else 0.0
     # The shift is the logs' middle's; the twin's clock drifts from its time 0.
-    middle = float(np.mean([item.time.mean() for item in fits]))
+    middle = float(np.mean([item.time.mean() for item, used in zip(fits, best, strict=True) if used]))
     written = _clock(float(shift[0]) - slow * middle, offset, slow) | {"bias": bias.tolist()}
-    told = [turn for turn in turns if np.isfinite(turn).all() and (turn[3:] < _TOLD).all()]
+    told = [turn for turn in turns[best] if np.isfinite(turn).all() and (turn[3:] < _TOLD).all()]
     if told:
         turn, turn_std = together(np.array(told)[:, :3], np.array(told)[:, 3:])
         findings.append(
