@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares
 
 from ur5_twin import spatial
@@ -55,6 +56,8 @@ _OFF = np.array([0.2, 1e-3, *np.full(3, 1.5), *np.full(3, 100.0), *np.full(3, 10
 _LEAST = np.array([2e-3, 2e-3, 2e-3, 1e-4, 1e-4, 1e-4])
 #: Standard deviations beyond which a row is somebody's push.
 _CUT = 5.0
+#: Times that it is one for sure, and the s around it that are not free either.
+_SURE, _AROUND = 3.0, 0.4
 #: Rounds, of which the first count far rows less and the later ones not at all.
 _ROUNDS, _GENTLE = 12, 5
 #: By how much of itself gravity must turn in the flange's axes to tell weight from bias.
@@ -70,7 +73,11 @@ _TILTED = np.array([0.1, 0.1, 0.5])
 #: Turns about the sensor's axis that pushes are tried with, rad.
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 #: The bias wanders, as fast as the preset says; between such times along a line, s.
-_WANDER = 5.0
+_WANDER = 2.0
+#: Rows are closer than the low-pass lets them differ: by so much a row counts less, in deviations.
+_ALIKE_ROWS = float(np.sqrt(RATE / (2.0 * BAND)))
+#: Of a block of correlated errors, s: a bias wanders slowly.
+_BLOCK = 2.0
 #: Fewer free rows than these tell nothing, s.
 _FREE = 0.5
 #: Shifts tried for the pushes, s, and a push that is one, Nm.
@@ -202,7 +209,7 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
             f"{_FREE:g} s at least, better in several orientations"
         )
     gravity = spline(stamp[free])[:, LINEAR]
-    block = np.repeat(((stamp - stamp[0]) / BLOCK).astype(int), 6)
+    block = np.repeat(((stamp - stamp[0]) / _BLOCK).astype(int), 6)
     information = known_by.T @ known_by
     covariance = spread.at_least(
         spread.sandwich(jacobian, error, block, information), np.linalg.inv(jacobian.T @ jacobian + information)
@@ -305,13 +312,15 @@ def _by_weight(
             bounds=(low, np.full(len(x), np.inf)),
             jac=slopes,
             args=(weight,),
-            max_nfev=30,
+            max_nfev=8,
         )
         x = found.x
         error = predict(x) - reading
-        scale = np.maximum(np.median(np.abs(error[weight.max(axis=1) > 0]), axis=0) / 0.6745, _LEAST)
-        distance = np.abs(error / scale).max(axis=1, keepdims=True)
-        weight = np.maximum(0.0, 1.0 - (distance / _CUT) ** 2) / scale
+        scale = np.maximum(np.median(np.abs(error[weight.max(axis=1) > 0]), axis=0) / 0.6745, _LEAST) * _ALIKE_ROWS
+        distance = _ALIKE_ROWS * np.abs(error / scale).max(axis=1, keepdims=True)
+        # The low-pass spreads a push over what is before and after it.
+        near = maximum_filter1d(distance > _SURE * _CUT, 2 * round(_AROUND * RATE) + 1, axis=0)
+        weight = np.where(near, 0.0, np.maximum(0.0, 1.0 - (distance / _CUT) ** 2)) / scale
     return x, found.jac[: reading.size], found.fun[: reading.size], weight
 
 
