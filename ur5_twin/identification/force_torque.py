@@ -73,7 +73,7 @@ _TILTED = np.array([0.1, 0.1, 0.5])
 #: Turns about the sensor's axis that pushes are tried with, rad.
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 #: The bias wanders, as fast as the preset says; between such times along a line, s.
-_WANDER = 2.0
+_WANDER = 5.0
 #: Rows are closer than the low-pass lets them differ: by so much a row counts less, in deviations.
 _ALIKE_ROWS = float(np.sqrt(RATE / (2.0 * BAND)))
 #: Of a block of correlated errors, s: a bias wanders slowly.
@@ -82,6 +82,8 @@ _BLOCK = 2.0
 _FREE = 0.5
 #: Shifts tried for the pushes, s, and a push that is one, Nm.
 _SHIFTS, _PUSHED = np.arange(-0.3, 0.3001, 0.01), 1.5
+#: The motors answer a push through the servo, which works in ticks, s.
+_TICK = 0.008
 #: Speed at which friction is fully there, rad/s.
 _RISE = 0.03
 
@@ -218,6 +220,13 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
     x, std = x[: len(NAMES)], np.sqrt(np.diag(covariance))[: len(NAMES)]
     turns = bool(np.linalg.norm(gravity - gravity.mean(axis=0), axis=1).max() > _TURNED * arm.gravity)
     after = np.sqrt(((reading - predicted)[free] ** 2).mean(axis=0))
+    # Rounding to whole counts of the gauges hides what is less, the same way all over a log.
+    hidden = np.zeros(6) if suite.ft.gauges is None else np.sqrt((suite.ft.gauges**2).sum(axis=1) / 12.0)
+    force, moment = np.linalg.norm(hidden[:3]), np.linalg.norm(hidden[3:])
+    std[BIAS] = np.hypot(std[BIAS], hidden)
+    std[ROTATION] = np.hypot(std[ROTATION], force / (arm.gravity * max(float(x[MASS]), _HEAVY)))
+    std[MASS] = np.hypot(std[MASS], force / arm.gravity)
+    std[MOMENT] = np.hypot(std[MOMENT], moment / arm.gravity)
     if told is None:
         std[ROTATION] = np.nan
         if turns:
@@ -410,6 +419,7 @@ def _by_pushes(
         result.jac[: error.size] / error.std(), error.ravel() / error.std(), block, np.diag(1.0 / known_by**2)
     )
     std = np.sqrt(np.diag(covariance))
+    std[0] = np.hypot(std[0], _TICK)
     shares = np.full(N_JOINTS, np.nan)
     shares[pushed] = explained
     clock = Correlation(_SHIFTS, np.sqrt(np.maximum(curves[turn], 0.0)), float(result.x[0]))
