@@ -2,9 +2,9 @@
 
     python benchmarks/sensor_recovery.py [SEEDS]
 
-Each seed draws other devices (mounting, place, gain, bias, delay, drift) over the lab's noise and lets the arm move freely
-with both sensors at its flange, the IMU of 50 g on the force sensor, pushed three times. Prints what was found less what is
-true with 95 % intervals, and how many of the intervals hold.
+Each seed draws other devices (mounting, place, gain, bias, delay, drift) over the lab's noise and lets the arm move
+freely with both sensors at its flange, the IMU of 50 g on the force sensor, pushed three times. Prints what was found
+less what is true with 95 % intervals, and how many of the intervals hold.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ def _of(seed: int) -> list[tuple[str, float, float]]:
     told += _compared("IMU gyro_gain", found.imu.values[imu.GYRO_GAIN], found.imu.std[imu.GYRO_GAIN], true["gyro_gain"])
     told += _compared("IMU gyro_bias", found.imu.values[imu.GYRO_BIAS], found.imu.std[imu.GYRO_BIAS], true["gyro_bias"])
     told += _compared("IMU place", found.imu.values[imu.PLACE], found.imu.std[imu.PLACE], found.p_FA + true["place"])
-    # Its rows are stamped on its own clock, whose time 0 the host's stamps put on the robot's: what is left is the delay.
+    # Its rows are stamped on its own clock, whose time 0 the host's stamps put on the robot's: what is left is the
+    # delay.
     told.append(("IMU delay s", found.imu.values[imu.SHIFT] + true["delay"], found.imu.std[imu.SHIFT]))
     told.append(("IMU drift", found.imu.values[imu.DRIFT] - true["drift"], found.imu.std[imu.DRIFT]))
     shift, shift_std, drift, drift_std = sensor_result.ft_shift(found.ft)

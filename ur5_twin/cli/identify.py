@@ -202,8 +202,8 @@ def identify_sensor(
 ) -> None:
     """Find how force sensor and IMU are mounted, what they read without load, and how their clocks run.
 
-    Writes sensors.toml for --sensors of 'run' and 'identify noise' and for a scenario's sensors.preset, and a report with
-    95 % intervals and figures: readings against predictions, agreement of the clocks over their shift.
+    Writes sensors.toml for --sensors of 'run' and 'identify noise' and for a scenario's sensors.preset, and a report
+    with 95 % intervals and figures: readings against predictions, agreement of the clocks over their shift.
     """
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.identification import sensor_result

@@ -3,9 +3,10 @@
     phi = [m, m c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz],   I about the flange's origin, all in the flange's axes
     f = m a + (S(alpha) + S(omega)^2) m c,   n = m c x a + I alpha + omega x I omega
 
-a is the flange's acceleration less gravity (Atkeson, An and Hollerbach 1986). A body of positive density everywhere has a
-positive definite pseudo-inertia P = [[tr(I)/2 1 - I, m c], [m c', m]] (Wensing, Kim and Slotine 2018), and every such P
-is U U' with U upper triangular of positive diagonal, whose logarithms are free numbers (Rucker and Wensing 2022).
+a is the flange's acceleration less gravity (Atkeson, An and Hollerbach 1986). A body of positive density everywhere
+has a positive definite pseudo-inertia P = [[tr(I)/2 1 - I, m c], [m c', m]] (Wensing, Kim and Slotine 2018), and
+every such P is U U' with U upper triangular of positive diagonal, whose logarithms are free numbers (Rucker and
+Wensing 2022).
 """
 
 from __future__ import annotations

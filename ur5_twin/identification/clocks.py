@@ -56,7 +56,8 @@ def correlate(
 
 
 def group_delay(bandwidth: float | None) -> float:
-    """s by which a Butterworth low-pass of second order delays what is slow: sqrt(2) / (2 pi f); 0 for None, no filter."""
+    """s by which a Butterworth low-pass of second order delays what is slow: sqrt(2) / (2 pi f); 0 for None, no
+    filter."""
     return 0.0 if bandwidth is None else float(np.sqrt(2.0) / (2.0 * np.pi * bandwidth))
 
 

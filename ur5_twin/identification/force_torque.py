@@ -13,8 +13,8 @@ Rows in which somebody pushes disagree with that and count nothing (Tukey's biwe
 
     i(t) = u tau - g [J' w(t + shift)] + friction,   w = the reading less bias and load, turned into the base's axes
 
-with a friction that depends on direction, load and speed and is fitted beside; it tells the shift, and how the sensor is
-turned, without any load on it.
+with a friction that depends on direction, load and speed and is fitted beside; it tells the shift, and how the sensor
+is turned, without any load on it.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ NAMES = (
     *(f"moment_{axis}" for axis in "xyz"),
 )
 SHIFT, DRIFT, ROTATION, BIAS, MASS, MOMENT = 0, 1, slice(2, 5), slice(5, 11), 11, slice(12, 15)
-#: How far each may be off what is known, one standard deviation: a sensor's clock, its mounting, its bias, and a load that
-#: the tool's table does not have.
+#: How far each may be off what is known, one standard deviation: a sensor's clock, its mounting, its bias, and a load
+#: that the tool's table does not have.
 _OFF = np.array([0.2, 1e-3, *np.full(3, 1.5), *np.full(3, 100.0), *np.full(3, 10.0), 0.1, *np.full(3, 0.01)])
 #: Errors that no sensor is below, N and Nm.
 _LEAST = np.array([2e-3, 2e-3, 2e-3, 1e-4, 1e-4, 1e-4])
@@ -207,7 +207,8 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
     free = weight.max(axis=1) > 0
     if free.sum() < _FREE * RATE:
         raise IdentificationError(
-            f"{recording.source}: the force sensor is free of contact for {free.sum() / RATE:.2f} s; leave it alone for "
+            f"{recording.source}: the force sensor is free of contact for {free.sum() / RATE:.2f} s; leave it "
+            f"alone for "
             f"{_FREE:g} s at least, better in several orientations"
         )
     gravity = spline(stamp[free])[:, LINEAR]
@@ -254,7 +255,8 @@ def fit_ft(recording: Recording, arm: ArmModel, suite: SensorSuite) -> FtFit:
 
 
 def _known_by(off: np.ndarray, drift: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """(k, k) root of the information there was before: of each number by itself, of a bias that wanders by its steps."""
+    """(k, k) root of the information there was before: of each number by itself, of a bias that wanders by its
+    steps."""
     steps = np.eye(len(knots) - 1) - np.eye(len(knots) - 1, k=-1)
     wander = np.kron(steps, np.diag(1.0 / (drift * np.sqrt(knots[1] - knots[0]))))
     root = np.zeros((len(off) + len(wander),) * 2)
@@ -264,7 +266,8 @@ def _known_by(off: np.ndarray, drift: np.ndarray, knots: np.ndarray) -> np.ndarr
 
 
 def _linear(acceleration: np.ndarray, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(4, 6) bias and slopes of the reading over the acceleration, and weights (n, 6), by rows that agree with each other."""
+    """(4, 6) bias and slopes of the reading over the acceleration, and weights (n, 6), by rows that agree with each
+    other."""
     columns = np.concatenate([np.ones((len(acceleration), 1)), acceleration], axis=1)
     row = np.ones((len(reading), 1))
     scale, solution = np.ones(6), np.zeros((4, 6))
@@ -336,7 +339,8 @@ def _by_weight(
 def _by_pushes(
     recording: Recording, arm: ArmModel, x: np.ndarray, p_FS: np.ndarray, suite: SensorSuite, turns: bool
 ) -> PushFit | None:
-    """Shift, and turn if it is not known, by the motors' answer; None where nobody pushes, or the log lacks currents or targets."""
+    """Shift, and turn if it is not known, by the motors' answer; None where nobody pushes, or the log lacks currents
+    or targets."""
     robot = recording.robot
     needed = ("target_q", "target_qd", "target_qdd", "actual_q", "actual_current")
     if any(name not in robot for name in needed):
@@ -376,7 +380,7 @@ def _by_pushes(
         return picked.reshape(len(at), *values.shape[1:])
 
     current, motion = slow(robot["actual_current"]), slow(plain)
-    sizes = np.percentile(np.abs(slow(answer(np.array([x[SHIFT], 0.0, 0.0, 0.0, 0.0])))), 95, axis=0)
+    sizes = np.percentile(np.abs(slow(answer(np.array([x[SHIFT], 0.0, 0.0, 0.0, 0.0])))), 99, axis=0)
     pushed = np.flatnonzero(sizes > _PUSHED)
     if not len(pushed):
         return None

@@ -3,12 +3,13 @@
 With the flange's motion from the robot's own q and qd the readings are
 
     gyro = diag(k_w) R_FA' omega(t) + b_w
-    acc  = diag(k_a) R_FA' (a(t) + (S(alpha) + S(omega)^2) p_FA) + b_a,    t = t_device + offset + shift + drift t_device
+    acc  = diag(k_a) R_FA' (a(t) + (S(alpha) + S(omega)^2) p_FA) + b_a,    t = t_device + offset + shift + drift
+    t_device
 
-with a the flange's acceleration less gravity, all in flange axes: rotation, place, gains and biases, and the clock. Both
-sides go through the same low-pass, which leaves the equation as it is and takes off what rigid links do not explain.
-Gains are told because gravity's size and the robot's speeds are known. Each log is fitted for itself; what the logs have
-in common comes from all of them (``spread.together``).
+with a the flange's acceleration less gravity, all in flange axes: rotation, place, gains and biases, and the clock.
+Both sides go through the same low-pass, which leaves the equation as it is and takes off what rigid links do not
+explain. Gains are told because gravity's size and the robot's speeds are known. Each log is fitted for itself; what
+the logs have in common comes from all of them (``spread.together``).
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ NAMES = (
 )
 SHIFT, DRIFT = 0, 1
 ROTATION, PLACE, ACC_GAIN, ACC_BIAS, GYRO_GAIN, GYRO_BIAS = (slice(k, k + 3) for k in range(2, 20, 3))
-#: How far each may be off what is known, one standard deviation: so wide that it matters only where a log tells nothing.
+#: How far each may be off what is known, one standard deviation: so wide that it matters only where a log tells
+#: nothing.
 _OFF = np.array(
     [
         1.0,

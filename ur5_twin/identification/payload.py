@@ -7,10 +7,10 @@ the bare arm is linear in the ten numbers of ``identification.body``, and least 
 
     i = u (tau + Y phi) + l |tau_l + Y phi| s + c(+/-) s + r exp(-(qd / v_s)^2) s + v w qd + ripple(q),   s = sgn(qd)
 
-per joint, u = 1/k, tau the bare arm's torque and tau_l its part beyond the rotors. phi is one for all joints and logs. The
-drives' numbers (u, l, c, r, v) are nuisance: their prior is a file of drives, as far as such numbers hold for another day
-or another arm; logs of the same arm without the load know them better. A joint at rest has no friction term: what its gear
-holds by friction is error there, and rest and motion are weighted by what each leaves.
+per joint, u = 1/k, tau the bare arm's torque and tau_l its part beyond the rotors. phi is one for all joints and
+logs. The drives' numbers (u, l, c, r, v) are nuisance: their prior is a file of drives, as far as such numbers hold
+for another day or another arm; logs of the same arm without the load know them better. A joint at rest has no
+friction term: what its gear holds by friction is error there, and rest and motion are weighted by what each leaves.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ _TOLD_SIGNALS = ("target_q", "target_qd", "target_qdd", "target_moment")
 _SLIDING = 0.01
 #: Rows of a block of correlated errors, 2 s.
 _BLOCK = 250
-#: How far drives' numbers may be off on another day or another arm, one standard deviation: torque constants, as much as
-#: pushes and free motion disagree about them (docs/servo.md, docs/drive.md), and friction, a share and as much beside, A.
+#: How far drives' numbers may be off on another day or another arm, one standard deviation: torque constants, as much
+#: as pushes and free motion disagree about them (docs/servo.md, docs/drive.md), and friction, a share and as much
+#: beside, A.
 _CONSTANT_OFF = np.array([0.05, 0.05, 0.05, 0.12, 0.25, 0.25])
 _FRICTION_OFF, _FRICTION_BESIDE, _LOAD_BESIDE = 0.25, 0.1, 0.002
 #: Errors beyond so many standard deviations count less: somebody touched the arm.
@@ -49,7 +50,8 @@ _ARM_OFF = np.concatenate([np.full(5, 0.05), np.full(6, 0.05)])
 _ORDERS, _DELAY, _LAG = (202, 404), 0.005, 0.002
 #: Ripple of another phase, A: no prior knowledge.
 _RIPPLE_OFF = 1.0
-#: Moments about the flange's origin that no payload of a UR5 exceeds, kg m^2; a fit without any excitation stays finite.
+#: Moments about the flange's origin that no payload of a UR5 exceeds, kg m^2; a fit without any excitation stays
+#: finite.
 _LARGEST_INERTIA = 0.5
 #: The inertia is told if the standard deviation of its trace is less than this share of it.
 _INERTIA_TOLD = 0.25
@@ -150,7 +152,7 @@ def fit_told(recordings: Sequence[Recording], controller: ArmModel) -> PayloadFi
         robot = recording.robot
         _need(recording, _TOLD_SIGNALS, "what the controller was told of shows in target_moment")
         q, qd, qdd, moment = (robot[name] for name in _TOLD_SIGNALS)
-        columns.append(_columns(controller, q, qd, qdd))
+        columns.append(load_columns(controller, q, qd, qdd))
         left.append(moment - Dynamics(controller).inverse(q, qd, qdd))
     x, y = np.concatenate(columns), np.concatenate(left)
     blocks = np.repeat(np.arange(len(y)) // _BLOCK, N_JOINTS)
@@ -163,7 +165,8 @@ def fit_told(recordings: Sequence[Recording], controller: ArmModel) -> PayloadFi
             break
     else:
         raise IdentificationError(
-            f"{_names(recordings)}: the targets hold one posture, which tells no mass from its centre; record a motion of "
+            f"{_names(recordings)}: the targets hold one posture, which tells no mass from its centre; record a "
+            f"motion of "
             "several joints"
         )
     phi = np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]
@@ -206,7 +209,7 @@ def fit_carried(
     laden = []
     for n, (recording, ride) in enumerate(zip((*loaded, *bare), rides, strict=True)):
         q = ride.angle - ride.error
-        load = _columns(plant, q, ride.qd, ride.qdd)
+        load = load_columns(plant, q, ride.qd, ride.qdd)
         if n >= len(loaded):
             load = np.zeros_like(load)
         helped = np.zeros_like(ride.qd)
@@ -338,7 +341,8 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Laden:
-    """A log, the torque that its arm and its load take by the numbers of both (n, 6, 11 + 10), and the torque (n, 6) with
+    """A log, the torque that its arm and its load take by the numbers of both (n, 6, 11 + 10), and the torque (n, 6)
+    with
     which somebody helps the motors."""
 
     ride: drive_terms.Ride
@@ -404,7 +408,8 @@ def _weights(rows: _Rows, error: np.ndarray, blocks: int) -> np.ndarray:
     return weights
 
 
-def _columns(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def load_columns(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """(n, 6, 10) torque of a load at the flange by its ten numbers, in a motion (n, 6) of the joints."""
     none = np.zeros_like(q)
     motion = FlangeMotion.of(model, Signals(np.arange(len(q), dtype=float), q, qd, qdd, none, none))
     return body.torque_columns(model, q, motion)
@@ -437,7 +442,8 @@ def _check_motion(rides: Sequence[drive_terms.Ride], loaded: Sequence[Recording]
     if (moving[1:4] < _SHORTEST).all():
         said = ", ".join(f"{seconds:.1f}" for seconds in moving)
         raise IdentificationError(
-            f"{_names(loaded)}: none of joints 2 to 4, which carry a load, moves for {_SHORTEST:g} s (joints 1 to 6: {said} "
+            f"{_names(loaded)}: none of joints 2 to 4, which carry a load, moves for {_SHORTEST:g} s (joints 1 "
+            f"to 6: {said} "
             "s); what friction holds at rest hides a load"
         )
 

@@ -44,7 +44,8 @@ def carried_result(
             "no log without the load (--bare): the intervals contain what torque constants, friction and the arm's own "
             "masses may be off"
         )
-    assert fit.constants is not None and fit.constants_std is not None
+    assert fit.constants is not None
+    assert fit.constants_std is not None
     findings.append(
         "torque constants that went with it: "
         + ", ".join(f"{k:.2f} ± {NINETY_FIVE * s:.2f}" for k, s in zip(fit.constants, fit.constants_std, strict=True))

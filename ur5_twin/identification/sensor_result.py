@@ -70,7 +70,8 @@ def fit(recording: Recording, arm_with: Callable[[str], ArmModel], tool: str | N
     lacking = [name for name, there in has.items() if there and name not in carried]
     if lacking:
         raise IdentificationError(
-            f"{recording.source}: the tool '{tool}' carries no {' and no '.join(lacking)}, which the log has; give --tool "
+            f"{recording.source}: the tool '{tool}' carries no {' and no '.join(lacking)}, which the log has; "
+            f"give --tool "
             "with it"
         )
     suite = load_sensors(sensors)
@@ -112,7 +113,8 @@ def ft_shift(fit: FtFit) -> tuple[float, float, float, float]:
 
 
 def ft_turn(fit: FtFit) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vector of R_FS (3,) and its deviation, by weight if that tells the axes, else by the pushes; NaN if not."""
+    """Rotation vector of R_FS (3,) and its deviation, by weight if that tells the axes, else by the pushes; NaN if
+    not."""
     values, std = fit.values[force_torque.ROTATION], fit.std[force_torque.ROTATION]
     if np.isnan(std).any() and fit.pushes is not None:
         return fit.pushes.turn, fit.pushes.turn_std
@@ -142,7 +144,8 @@ def _imu(
         f"{1e3 * np.linalg.norm(apart):.1f} mm from where the tool says",
         "IMU: turned against the flange by " + _listed(1e3 * mean[imu.ROTATION], 1e3 * half[imu.ROTATION]) + " mrad",
         f"IMU: the robot's clock gains {1e6 * mean[imu.DRIFT]:.0f} ± {1e6 * half[imu.DRIFT]:.0f} ppm on its stamps",
-        f"IMU: its time 0 lies {1e3 * mean[imu.SHIFT]:.1f} ± {1e3 * half[imu.SHIFT]:.1f} ms on the robot's clock beside "
+        f"IMU: its time 0 lies {1e3 * mean[imu.SHIFT]:.1f} ± {1e3 * half[imu.SHIFT]:.1f} ms on the robot's "
+        f"clock beside "
         "where the log puts it",
     ]
     uncertainty["imu"] = {name: float(width) for name, width in zip(imu.NAMES, half, strict=True)}
@@ -216,7 +219,8 @@ def _ft(
         if not item.turns
     ]
     findings += [
-        f"{item.source}: what the sensor reads without contact is not one weight turned about ({name}); too little hangs on "
+        f"{item.source}: what the sensor reads without contact is not one weight turned about ({name}); too "
+        f"little hangs on "
         "it, or something else pulls: its axes are not told by weight"
         for item in fits
         if item.turns and np.isnan(item.std[force_torque.ROTATION]).any()

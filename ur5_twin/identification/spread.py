@@ -11,8 +11,8 @@ NINETY_FIVE = 1.96
 def sandwich(columns: np.ndarray, error: np.ndarray, blocks: np.ndarray, prior: np.ndarray | None = None) -> np.ndarray:
     """Covariance (k, k) of least squares whose errors are correlated within blocks, and not between them.
 
-    H^-1 (sum over blocks of g g' + prior) H^-1 with g = X_b' e_b and H = X'X + prior (White 1980; Liang and Zeger 1986),
-    times b / (b - 1) for b blocks.
+    H^-1 (sum over blocks of g g' + prior) H^-1 with g = X_b' e_b and H = X'X + prior (White 1980; Liang and Zeger
+    1986), times b / (b - 1) for b blocks.
 
     Args:
         columns: X (n, k), weighted.
@@ -29,7 +29,8 @@ def sandwich(columns: np.ndarray, error: np.ndarray, blocks: np.ndarray, prior: 
 
 
 def at_least(covariance: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """A covariance (k, k) stretched where its deviations are below those of another: a few blocks may agree by chance."""
+    """A covariance (k, k) stretched where its deviations are below those of another: a few blocks may agree by
+    chance."""
     stretch = np.sqrt(np.maximum(1.0, np.diag(least) / np.maximum(np.diag(covariance), 1e-300)))
     return covariance * np.outer(stretch, stretch)
 

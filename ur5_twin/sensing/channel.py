@@ -1,9 +1,9 @@
 """One measured quantity on its way from the truth to a number in a log.
 
 In this order: the sensor's bandwidth (a low-pass of second order, Butterworth), its delay, a sample at the device's
-time, gain, bias and drift, slow noise, white noise, saturation, and the steps of its converter. A signal goes through in
-pieces of any length, and comes out the same, bit for bit, however it was cut: filters, the last rows, and each random
-stream go on where they were.
+time, gain, bias and drift, slow noise, white noise, saturation, and the steps of its converter. A signal goes through
+in pieces of any length, and comes out the same, bit for bit, however it was cut: filters, the last rows, and each
+random stream go on where they were.
 
 A force sensor has no steps along its axes: its gauges have. With ``gauges`` white noise and rounding happen in their
 counts, and what comes out is a whole number of counts of each gauge, mapped to the axes. So a quiet sensor repeats
