@@ -182,7 +182,7 @@ class TemperatureSpec(Strict, frozen=True):
 
 
 class SensorsSpec(Strict, frozen=True):
-    preset: Literal["lab", "ideal"] = "lab"
+    preset: str = "lab"
     late_packages: bool = False
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -108,11 +107,11 @@ class Sensors:
     """What the devices do to the signals.
 
     Attributes:
-        preset: as the lab's were, or without any fault.
+        preset: as the lab's were, or without any fault, or a file of the user's (``sensing.load_sensors``).
         late_packages: whether the robot's packages come late now and then.
     """
 
-    preset: Literal["lab", "ideal"] = "lab"
+    preset: str = "lab"
     late_packages: bool = False
 
 
