@@ -71,13 +71,13 @@ def test_the_clock_is_found_between_rows() -> None:
 
 def test_the_imu_is_found_as_it_is_mounted(found: sensor_result.Found) -> None:
     assert found.imu is not None
-    true = {
-        imu.ROTATION: _IMU["mount_rotation_rad"],
-        imu.PLACE: found.p_FA + 1e-3 * np.array(_IMU["mount_shift_mm"]),
-        imu.ACC_GAIN: _ACC["gain"],
-        imu.ACC_BIAS: _ACC["bias"],
-    }
-    for at, values in true.items():
+    true = (
+        (imu.ROTATION, _IMU["mount_rotation_rad"]),
+        (imu.PLACE, found.p_FA + 1e-3 * np.array(_IMU["mount_shift_mm"])),
+        (imu.ACC_GAIN, _ACC["gain"]),
+        (imu.ACC_BIAS, _ACC["bias"]),
+    )
+    for at, values in true:
         # Four standard deviations: 12 numbers, each beyond in 1 of 16,000.
         assert (np.abs(found.imu.values[at] - values) < 4.0 * found.imu.std[at]).all(), imu.NAMES[at]
     assert abs(found.imu.values[imu.DRIFT] - 3e-3) < 4.0 * found.imu.std[imu.DRIFT]
