@@ -322,7 +322,7 @@ def _by_weight(
             np.maximum(x, low + 1e-9),
             x_scale=np.linalg.norm(np.linalg.inv(known_by), axis=1),
             bounds=(low, np.full(len(x), np.inf)),
-            jac=slopes,
+            jac=slopes,  # type: ignore  # scipy takes a function as well
             args=(weight,),
             max_nfev=8,
         )
@@ -427,8 +427,16 @@ def _by_pushes(
     shares = np.full(N_JOINTS, np.nan)
     shares[pushed] = explained
     clock = Correlation(_SHIFTS, np.sqrt(np.maximum(curves[turn], 0.0)), float(result.x[0]))
+    y = result.x
     return PushFit(
-        *(float(v) for v in (result.x[0], std[0], result.x[1], std[1])), result.x[2:], std[2:], shares, clock
+        shift=float(y[0]),
+        shift_std=float(std[0]),
+        drift=float(y[1]),
+        drift_std=float(std[1]),
+        turn=y[2:],
+        turn_std=std[2:],
+        explained=shares,
+        clock=clock,
     )
 
 
