@@ -31,13 +31,13 @@ from ur5_twin import spatial
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import FT_SENSOR, N_JOINTS, ArmModel
+from ur5_twin.control.held import commanded
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import spread
 from ur5_twin.identification.clocks import Correlation, group_delay, smoothed
 from ur5_twin.identification.flange import BAND, BLOCK, EDGE, LEVER, LINEAR, RATE, TURN, flange_felt
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing.specs import SensorSuite
-from ur5_twin.control.held import commanded
 
 #: Parameters of the fit by weight: s in the middle of the log, s/s, rotation vector of R_FS in rad, N and Nm, kg, kg m.
 NAMES = (
