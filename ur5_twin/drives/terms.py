@@ -92,6 +92,7 @@ def ride(
     model: ArmModel,
     law: TargetCurrentLaw | None = None,
     motion: tuple[np.ndarray, np.ndarray] | None = None,
+    tau_ext: np.ndarray | None = None,
 ) -> Ride:
     """A log for the fit and the prediction.
 
@@ -103,6 +104,8 @@ def ride(
         model: the plant's rigid bodies with whatever is bolted to the flange.
         law: the controller's drive law, by default the models' own.
         motion: positions and speeds, (n, 6) each, of the arm that follows the targets, by default the measured ones.
+        tau_ext: (n, 6) J' F of contacts in Nm, positive accelerates; taken off what the motors must give. None if
+            nothing touches the arm.
 
     Raises:
         RecordingError: a signal is missing or the log is shorter than 20 rows.
@@ -118,11 +121,12 @@ def ride(
     started = np.maximum.accumulate((qd != 0.0).any(axis=1) | (qdd != 0.0).any(axis=1))[:, None]
     law = law or load_target_current_law()
     ratio = viscous_ratio(law, qd, robot["target_moment"], robot["target_current"])
+    contact = np.zeros_like(q) if tau_ext is None else tau_ext
     return Ride(
         source=recording.source,
         time=robot.time,
-        torque=Dynamics(model).inverse(reference, qd, qdd),
-        link=Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS))).inverse(reference, qd, qdd),
+        torque=Dynamics(model).inverse(reference, qd, qdd) - contact,
+        link=Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS))).inverse(reference, qd, qdd) - contact,
         qd=qd,
         qdd=qdd,
         ratio=last_known(ratio, np.ones(ratio.shape[1])),
