@@ -1,0 +1,116 @@
+"""One task: a scenario of one seed with one arm, simulated once, and every estimator on it."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ur5_twin.errors import TwinError
+from ur5_twin.estimation.detection import Thresholds
+from ur5_twin.estimation.registry import BUILT_IN, factory
+from ur5_twin.evaluation import truths
+from ur5_twin.evaluation.benchmark import preparation
+from ur5_twin.evaluation.benchmark.arms import generator, with_arm
+from ur5_twin.evaluation.benchmark.keys import digest, of_file, source_digest
+from ur5_twin.evaluation.benchmark.suite import Level, Suite
+from ur5_twin.evaluation.benchmark.variation import varied
+from ur5_twin.evaluation.estimate_report import judge
+from ur5_twin.evaluation.scores import detection, regimes_of, score, told
+from ur5_twin.recording.table import Recording
+from ur5_twin.scenario import Scenario, Sensors, load_scenario
+from ur5_twin.twin.scenario_run import ScenarioRun
+
+
+@dataclass(frozen=True)
+class Task:
+    """Independent of every other task, and small: any process that sees the nominal model's files can do it.
+
+    Attributes:
+        key: of all that shapes its result (``keys``).
+        scenario: a name or the path of a file.
+        level_name, level: how far the arm deviates.
+        seed: of arm, variation and noise.
+        estimators: names.
+        nominal: folder of the identified drives.
+    """
+
+    key: str
+    scenario: str
+    level_name: str
+    level: Level
+    seed: int
+    estimators: tuple[str, ...]
+    nominal: Path
+
+
+def tasks_of(suite: Suite, nominal: Path) -> tuple[Task, ...]:
+    """All tasks of a suite, those that need an estimator's or a scenario's file keyed by its content."""
+    estimators = {name: None if name in BUILT_IN else _code_of(name) for name in suite.estimators}
+    drives = {path.name: of_file(path) for path in sorted(nominal.glob("*.toml"))}
+    made = []
+    for name in suite.scenarios:
+        content = _content(load_scenario(name))
+        for level_name, level in suite.levels.items():
+            numbers = msgspec.to_builtins(level)
+            del numbers["source"]
+            for seed in suite.seeds:
+                about = {
+                    "scenario": [Path(name).stem, content],
+                    "level": [level_name, numbers],
+                    "seed": seed,
+                    "estimators": estimators,
+                    "nominal": drives,
+                    "source": source_digest(),
+                }
+                made.append(Task(digest(about), name, level_name, level, seed, suite.estimators, nominal))
+    return tuple(made)
+
+
+def _content(scenario: Scenario) -> list[str]:
+    """Digests of a scenario's file and of the files that it names."""
+    others = [getattr(item, "path", None) for item in (*scenario.motions, *scenario.pushes)]
+    return [of_file(path) for path in (scenario.path, *others) if path is not None and path.is_file()]
+
+
+def _code_of(name: str) -> str | None:
+    """Digest of the file that an estimator of somebody else's is written in."""
+    file = inspect.getsourcefile(inspect.unwrap(factory(name)))  # type: ignore[arg-type]
+    return None if file is None else of_file(Path(file))
+
+
+def simulate(task: Task) -> Recording:
+    """The task's run, with the lab's sensors."""
+    scenario = load_scenario(task.scenario)
+    scenario = with_arm(varied(scenario, task.seed), task.level, task.seed)
+    scenario = replace(scenario, sensors=Sensors("lab", scenario.sensors.late_packages))
+    noise = int(generator(task.seed, "noise", scenario.name).integers(2**31))
+    return ScenarioRun(scenario, seed=noise).finish()
+
+
+def run(task: Task) -> dict[str, Any]:
+    """Simulate, estimate, score. Plain data: ``result``, the same wherever it runs, and ``microseconds`` per sample.
+
+    A run that cannot be simulated, or whose estimates cannot be had, has ``failure`` in its result instead of scores.
+    """
+    about = {"scenario": Path(task.scenario).stem, "level": task.level_name, "seed": task.seed}
+    try:
+        recording = simulate(task)
+        nominal = preparation.nominal(task.nominal, load_scenario(task.scenario).arm.tool)
+        truth, at_tool = truths.against_truth(recording), truths.at_tool(recording)
+        judged = judge(recording, task.estimators, nominal, truth, at_tool)
+    except TwinError as error:
+        return {"result": {**about, "failure": str(error)}, "microseconds": {}}
+    thresholds, scores = Thresholds.of(nominal.settings), {}
+    for name, found in judged.estimates.items():
+        regimes = regimes_of(truth, recording.robot["target_qd"], found.sigma_min, at_tool)
+        alarms = told(found.time, found.contact, truth, thresholds)
+        scores[name] = {
+            **score(found, truth, regimes, thresholds),
+            "detection": {**detection(alarms), "delays_s": list(alarms.delays), "hours": alarms.hours},
+        }
+    result = {**about, "rows": len(recording.robot), "estimators": scores}
+    return {"result": result, "microseconds": judged.microseconds}
