@@ -23,7 +23,7 @@ _EARLY = 0.1
 #: Target speed that counts as motion, rad/s, and how long after a turn a joint still reverses, s.
 _MOVING, _TURNING = 1e-3, 0.25
 #: Smallest singular value of J, in m and rad, below which a posture is near a singularity.
-_NEAR_SINGULARITY = 0.1
+NEAR_SINGULARITY = 0.1
 #: Normal quantiles of central intervals that hold 90 % and 95 %.
 _INTERVALS = {"coverage_90": 1.6449, "coverage_95": 1.9600}
 
@@ -163,7 +163,7 @@ def regimes_of(
         "still": still,
         "moving": ~still,
         "reversing": reversing,
-        "near_singularity": sigma_min < _NEAR_SINGULARITY,
+        "near_singularity": sigma_min < NEAR_SINGULARITY,
         "touched": truth.touched,
         "untouched": ~truth.touched,
     }

@@ -26,9 +26,7 @@ def with_arm(scenario: Scenario, level: Level, seed: int) -> Scenario:
     What is forgotten at the flange hangs there from the first tick on, and the controller is not told.
     """
     rng = generator(seed, "arm")
-    mass, center, friction, constant, phase = (
-        rng.uniform(-1.0, 1.0, shape) for shape in (6, (6, 3), 6, 6, 6)
-    )
+    mass, center, friction, constant, phase = (rng.uniform(-1.0, 1.0, shape) for shape in (6, (6, 3), 6, 6, 6))
     extra, warmth = rng.uniform(0.0, 1.0, 2)
     centers = np.array([link.center for link in scenario.plant_model().links])
     mismatch = Mismatch(

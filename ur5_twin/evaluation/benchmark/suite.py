@@ -46,7 +46,7 @@ class SuiteSpec(Strict, frozen=True, kw_only=True):
 
 
 class SuitesFile(Strict, frozen=True, kw_only=True):
-    level: dict[str, Level] = {}
+    level: dict[str, Level] = msgspec.field(default_factory=dict)
     suite: dict[str, SuiteSpec]
 
 

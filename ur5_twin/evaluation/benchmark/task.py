@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from ur5_twin.arm import kinematics
+from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.errors import TwinError
 from ur5_twin.estimation.detection import Thresholds
 from ur5_twin.estimation.registry import BUILT_IN, factory
@@ -19,7 +22,7 @@ from ur5_twin.evaluation.benchmark.keys import digest, of_file, source_digest
 from ur5_twin.evaluation.benchmark.suite import Level, Suite
 from ur5_twin.evaluation.benchmark.variation import varied
 from ur5_twin.evaluation.estimate_report import judge
-from ur5_twin.evaluation.scores import detection, regimes_of, score, told
+from ur5_twin.evaluation.scores import NEAR_SINGULARITY, Truth, detection, regimes_of, score, told
 from ur5_twin.recording.table import Recording
 from ur5_twin.scenario import Scenario, Sensors, load_scenario
 from ur5_twin.twin.scenario_run import ScenarioRun
@@ -91,6 +94,30 @@ def simulate(task: Task) -> Recording:
     return ScenarioRun(scenario, seed=noise).finish()
 
 
+def at_flange(truth: Truth, arm: ArmModel, q: np.ndarray, at_tool: np.ndarray) -> Truth:
+    """The truth as an estimator at the flange is asked for it (``protocol.Estimate``).
+
+    A contact beyond the tool counts as the wrench at the flange with the same joint torques, J^-T tau_ext, and as
+    unknown near a singularity, where there is none.
+
+    Args:
+        truth: with the contacts' own wrenches, moved to the flange.
+        arm: for its kinematics.
+        q: (n, 6) rad.
+        at_tool: (n,) see ``truths.at_tool``.
+    """
+    rows = np.flatnonzero(truth.touched & ~at_tool)
+    if not len(rows):
+        return truth
+    J = kinematics.jacobian(arm, q[rows])
+    regular = np.linalg.svd(J, compute_uv=False)[:, -1] >= NEAR_SINGULARITY
+    wrench = truth.wrench.copy()
+    wrench[rows] = np.nan
+    transposed = np.swapaxes(J[regular], 1, 2)
+    wrench[rows[regular]] = np.linalg.solve(transposed, truth.tau_ext[rows[regular]][..., None])[..., 0]
+    return replace(truth, wrench=wrench)
+
+
 def run(task: Task) -> dict[str, Any]:
     """Simulate, estimate, score. Plain data: ``result``, the same wherever it runs, and ``microseconds`` per sample.
 
@@ -100,7 +127,8 @@ def run(task: Task) -> dict[str, Any]:
     try:
         recording = simulate(task)
         nominal = preparation.nominal(task.nominal, load_scenario(task.scenario).arm.tool)
-        truth, at_tool = truths.against_truth(recording), truths.at_tool(recording)
+        at_tool = truths.at_tool(recording)
+        truth = at_flange(truths.against_truth(recording), nominal.arm, recording.robot["truth_q"], at_tool)
         judged = judge(recording, task.estimators, nominal, truth, at_tool)
     except TwinError as error:
         return {"result": {**about, "failure": str(error)}, "microseconds": {}}

@@ -52,7 +52,7 @@ def _obstacle(obstacle: Obstacle, rng: np.random.Generator) -> Obstacle:
     stiffness, damping, friction = rng.uniform(*_SURFACE, 3)
     return replace(
         obstacle,
-        position=obstacle.position + [0.0, 0.0, rng.uniform(-_HEIGHT, _HEIGHT)],
+        position=obstacle.position + rng.uniform(-_HEIGHT, _HEIGHT) * np.eye(3)[2],
         stiffness=obstacle.stiffness * stiffness,
         damping=obstacle.damping * damping,
         friction=obstacle.friction * friction,
