@@ -72,7 +72,7 @@ def _errors(board: dict[str, Any], path: Path) -> Path:
             panel.barh(at, sizes, height=0.75 / len(levels), color=colour, label=f"level {level}")
         panel.set_yticks(range(len(order)), [_short(name) for name in order])
         panel.margins(y=0.01)
-    panels[1].legend(loc="lower right", fontsize=8, frameon=False)
+    panels[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(levels), fontsize=8.5, frameon=False)
     return paper.save(figure, path)
 
 
@@ -94,7 +94,7 @@ def _map(
     panel = figure.subplots(gridspec_kw=_margins(height, 0.0) | {"top": 1.0 - 1.35 / height})
     panel.imshow(cells, aspect="auto", cmap="RdYlGn" if key == "regimes" else "YlOrRd", vmin=limits[0], vmax=limits[1])
     for (row, column), number in np.ndenumerate(cells):
-        right = key != "regimes" or _COVERED[0] <= number <= _COVERED[1]
+        right = key == "regimes" and _COVERED[0] <= number <= _COVERED[1]
         text = "-" if np.isnan(number) else form.format(number)
         panel.text(column, row, text, ha="center", va="center", fontsize=8, fontweight="bold" if right else "normal")
     panel.set_yticks(range(len(order)), [_short(name) for name in order], fontsize=8)

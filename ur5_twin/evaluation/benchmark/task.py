@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -54,22 +55,20 @@ def tasks_of(suite: Suite, nominal: Path) -> tuple[Task, ...]:
     """All tasks of a suite, those that need an estimator's or a scenario's file keyed by its content."""
     estimators = {name: None if name in BUILT_IN else _code_of(name) for name in suite.estimators}
     drives = {path.name: of_file(path) for path in sorted(nominal.glob("*.toml"))}
+    contents = {name: _content(load_scenario(name)) for name in suite.scenarios}
+    numbers = {name: msgspec.to_builtins(level) | {"source": ""} for name, level in suite.levels.items()}
     made = []
-    for name in suite.scenarios:
-        content = _content(load_scenario(name))
-        for level_name, level in suite.levels.items():
-            numbers = msgspec.to_builtins(level)
-            del numbers["source"]
-            for seed in suite.seeds:
-                about = {
-                    "scenario": [Path(name).stem, content],
-                    "level": [level_name, numbers],
-                    "seed": seed,
-                    "estimators": estimators,
-                    "nominal": drives,
-                    "source": source_digest(),
-                }
-                made.append(Task(digest(about), name, level_name, level, seed, suite.estimators, nominal))
+    # Seed by seed, so that what is done of a suite that was stopped is a smaller suite.
+    for seed, name, (level_name, level) in product(suite.seeds, suite.scenarios, suite.levels.items()):
+        about = {
+            "scenario": [Path(name).stem, contents[name]],
+            "level": [level_name, numbers[level_name]],
+            "seed": seed,
+            "estimators": estimators,
+            "nominal": drives,
+            "source": source_digest(),
+        }
+        made.append(Task(digest(about), name, level_name, level, seed, suite.estimators, nominal))
     return tuple(made)
 
 
@@ -79,10 +78,12 @@ def _content(scenario: Scenario) -> list[str]:
     return [of_file(path) for path in (scenario.path, *others) if path is not None and path.is_file()]
 
 
-def _code_of(name: str) -> str | None:
-    """Digest of the file that an estimator of somebody else's is written in."""
-    file = inspect.getsourcefile(inspect.unwrap(factory(name)))  # type: ignore[arg-type]
-    return None if file is None else of_file(Path(file))
+def _code_of(name: str) -> str:
+    """Digest of the code of an estimator of somebody else's: its file, or the module of an installed package."""
+    path = name.rpartition(":")[0]
+    if path.endswith(".py"):
+        return of_file(Path(path))
+    return of_file(Path(inspect.getfile(inspect.unwrap(factory(name)))))  # type: ignore[arg-type]
 
 
 def simulate(task: Task) -> Recording:
