@@ -225,20 +225,14 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
     Raises:
         ModelError: the name is unknown, the file cannot be read, a key is unknown or a value impossible.
     """
-    key = str(name).lower()
-    if key in MODEL_FILES:
-        path = files.model_path(MODEL_FILES[key])
-    elif str(name).endswith(".toml"):
-        path = Path(name)
-    else:
-        raise ModelError(unknown("model", str(name), MODEL_FILES) + ", or give the path of a .toml file")
+    path = model_file(name)
     spec = files.read(path, files.ModelFile)
     base = files.read(files.model_path("ur5.toml"), files.BaseFile)
     link_specs = spec.links
     if spec.links_from is not None:
         if spec.links:
             raise ModelError(f"{path.name}: give either 'links' or 'links_from', not both")
-        link_specs = files.read(_beside_or_shipped(path, spec.links_from), files.ModelFile).links
+        link_specs = files.read(beside_or_shipped(path, spec.links_from), files.ModelFile).links
     if len(link_specs) != N_JOINTS:
         raise ModelError(f"{path.name}: {len(link_specs)} links, a UR5 has {N_JOINTS}")
     point = spec.inertia is not None and spec.inertia.kind == "point"
@@ -270,12 +264,26 @@ def load_model(name: str | Path, tool: str | None = None) -> ArmModel:
         gravity_source=spec.gravity.source,
         rotor_inertia=np.array(spec.rotors.inertia_kg_m2),
         rotor_source=spec.rotors.source,
-        joints=None if spec.joints_from is None else _beside_or_shipped(path, spec.joints_from),
+        joints=None if spec.joints_from is None else beside_or_shipped(path, spec.joints_from),
     )
     return model.with_tool(load_tool(tool))
 
 
-def _beside_or_shipped(path: Path, name: str) -> Path:
+def model_file(name: str | Path) -> Path:
+    """The file of a model: one of ``model_names()`` (upper case too), or the path of a ``.toml`` file.
+
+    Raises:
+        ModelError: it is neither.
+    """
+    key = str(name).lower()
+    if key in MODEL_FILES:
+        return files.model_path(MODEL_FILES[key])
+    if str(name).endswith(".toml"):
+        return Path(name)
+    raise ModelError(unknown("model", str(name), MODEL_FILES) + ", or give the path of a .toml file")
+
+
+def beside_or_shipped(path: Path, name: str) -> Path:
     """A file that another one names: beside it, or one of ours, on which a user's file may build."""
     beside, shipped = path.parent / name, files.model_path(name)
     return shipped if shipped.exists() and not beside.exists() else beside
@@ -291,7 +299,8 @@ def load_tool(name: str | None) -> Tool | None:
 
     Args:
         name: one of ``tool_names()``; names joined by ``+`` stand on each other, the lowest first:
-            ``ati_gamma+ball_probe``. ``both`` is ``ati_gamma+xsens_mti``, ``none`` the bare flange.
+            ``ati_gamma+ball_probe``. ``both`` is ``ati_gamma+xsens_mti``, ``none`` the bare flange. The path of a
+            ``.toml`` file with one table in the layout of ``models/tools.toml`` is a name too.
 
     Raises:
         ModelError: there is no such tool, one comes twice, or one has no face to mount the next on.
@@ -302,6 +311,8 @@ def load_tool(name: str | None) -> Tool | None:
     layers = [layer for word in name.split("+") for layer in (_BOTH if word == "both" else (word,))]
     tool: Tool | None = None
     for layer in layers:
+        if layer.endswith(".toml"):
+            specs[layer] = files.choose(layer, "tools.toml", files.ToolSpec, "tool")[1]
         if layer not in specs:
             known = tool_names() if len(layers) == 1 else specs
             raise ModelError(unknown("tool", layer, known) + "; '+' mounts one on another")

@@ -154,8 +154,9 @@ def replay(
     joints: Annotated[
         str | None,
         typer.Option(
-            help="Motors, gears and friction of the simulated arm: 'plant', a TOML, or 'none' for motors that give "
-            "what the controller asks for. Default: none; with --wrench measured, plant."
+            help="Motors, gears and friction of the simulated arm: 'plant' for those that --plant names (joints_from), "
+            "a TOML, or 'none' for motors that give what the controller asks for. Default: none; with --wrench "
+            "measured, plant."
         ),
     ] = None,
     wrench: Annotated[
@@ -367,7 +368,7 @@ def _settings(
     payload: str,
     mode: Mode,
 ) -> ReplaySettings:
-    from ur5_twin.arm.drive import load_joint_drives
+    from ur5_twin.arm.drive import drives_of, load_joint_drives
     from ur5_twin.arm.parameters import load_model
     from ur5_twin.control.gains import load_gains
     from ur5_twin.control.target_current import load_target_current_law
@@ -382,14 +383,15 @@ def _settings(
         gains = "servo" if rubs else "thesis_c"
     if plant is None:
         plant = "plant" if rubs else model
+    simulated = load_model(plant, tool)
     return ReplaySettings(
         model=load_model(model, payload),
-        plant=load_model(plant, tool),
+        plant=simulated,
         gains=load_gains(gains),
         drive=load_drive_map(drive),
         target_current=load_target_current_law(target_current),
         mode=mode.value,
-        joints=load_joint_drives(joints) if rubs else None,
+        joints=(drives_of(simulated) if joints == "plant" else load_joint_drives(joints)) if rubs else None,
         wrench=wrench.value,
         ft_delay=FT_DELAY if ft_delay is None else ft_delay,
     )

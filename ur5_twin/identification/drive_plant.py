@@ -110,7 +110,7 @@ def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = ORDERS) -> Pl
     """The plant's numbers from logs of free motion.
 
     Args:
-        rides: ``drive_terms.ride`` of the logs.
+        rides: ``drives.terms.ride`` of the logs.
         orders: of the ripple, periods a revolution.
 
     Raises:

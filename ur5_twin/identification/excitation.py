@@ -209,7 +209,7 @@ class Question:
         """What a motion tells, at the robot's 125 rows a second.
 
         Args:
-            of: the motion, as ``ride`` gives it or ``drive_terms.ride`` of a log.
+            of: the motion, as ``ride`` gives it or ``drives.terms.ride`` of a log.
             ripple: count the gears' ripple as unknown too, as a fit must; needs all of the 125 rows a second.
             step: of the motion's rows, s; fewer of them stand for more.
         """

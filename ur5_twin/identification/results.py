@@ -200,7 +200,8 @@ def write(result: Result, folder: Path, figures: Sequence[Path] = ()) -> str:
     for file in result.files:
         files.convert(file.content, file.layout, file.name)
     tables = "\n\n".join(_table(table) for table in result.tables)
-    for file in result.files:
+    # The file that may name the others comes last.
+    for file in reversed(result.files):
         write_text(folder / file.name, tomli_w.dumps(file.content))
     data = {
         "title": result.title,
