@@ -112,7 +112,7 @@ def show_benchmark(board: dict[str, Any], folder: Path) -> None:
     for level, found in board["levels"].items():
         table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
         table.add_column(f"level {level}", no_wrap=True)
-        for head in ("error N", "force N", "moment Nm", "found", "missed", "false/h"):
+        for head in ("error N", "force N", "Nm", "found", "missed", "false/h"):
             table.add_column(head, justify="right", no_wrap=True)
         for name in found["ranking"]:
             item = found["estimators"][name]
@@ -122,7 +122,7 @@ def show_benchmark(board: dict[str, Any], folder: Path) -> None:
             table.add_row(
                 name,
                 *(map(short_number, errors) if errors else ["-"] * 3),
-                f"{hits['found']} of {hits['touches']}",
+                f"{hits['found']}/{hits['touches']}",
                 str(hits["missed"]),
                 "-" if hourly is None else f"{hourly:.0f}",
             )

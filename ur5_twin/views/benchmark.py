@@ -72,7 +72,9 @@ def _errors(board: dict[str, Any], path: Path) -> Path:
             panel.barh(at, sizes, height=0.75 / len(levels), color=colour, label=f"level {level}")
         panel.set_yticks(range(len(order)), [_short(name) for name in order])
         panel.margins(y=0.01)
-    panels[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(levels), fontsize=8.5, frameon=False)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="upper right", ncols=len(levels), fontsize=9, frameon=False
+    )
     return paper.save(figure, path)
 
 
@@ -98,7 +100,7 @@ def _map(
         text = "-" if np.isnan(number) else form.format(number)
         panel.text(column, row, text, ha="center", va="center", fontsize=8, fontweight="bold" if right else "normal")
     panel.set_yticks(range(len(order)), [_short(name) for name in order], fontsize=8)
-    panel.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names], fontsize=7.5)
+    panel.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names], fontsize=6.5)
     panel.xaxis.tick_top()
     panel.tick_params(length=0)
     for spine in panel.spines.values():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import Protocol, TypeVar
@@ -57,5 +59,14 @@ class Processes:
 def _start(begin: Callable[[], object] | None) -> None:
     # Ctrl-C is the parent's to answer: it lets tasks that run come to their end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_outlive_nobody, daemon=True).start()
     if begin is not None:
         begin()
+
+
+def _outlive_nobody() -> None:
+    """A parent that was killed cannot tell its processes to end, and they would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
