@@ -20,7 +20,8 @@ import numpy as np
 from absl import logging
 
 from ur5_twin.cli.common import quiet_engine
-from ur5_twin.estimation.detection import Thresholds
+from ur5_twin.estimation.detection import ContactDetector, Thresholds
+from ur5_twin.estimation.nominal import PERIOD
 from ur5_twin.evaluation import truths
 from ur5_twin.evaluation.benchmark import preparation
 from ur5_twin.evaluation.benchmark.arms import generator, with_arm
@@ -30,7 +31,6 @@ from ur5_twin.evaluation.benchmark.store import Store
 from ur5_twin.evaluation.benchmark.suite import Level, load_suite
 from ur5_twin.evaluation.benchmark.variation import varied
 from ur5_twin.evaluation.estimate_report import judge
-from ur5_twin.evaluation.scores import told
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.scenario import Push, Scenario, load_scenario
 from ur5_twin.terminal import progress
@@ -76,7 +76,7 @@ def scenario_of(work: Work) -> Scenario:
 
 
 def do(work: Work) -> dict[str, Any]:
-    """Per estimator, kind of level and threshold: touches, delays, false alarms, hours untouched."""
+    """Per estimator, kind of level and threshold what ``counted`` gives."""
     scenario = scenario_of(work)
     recording = ScenarioRun(scenario, seed=work.seed).finish()
     truth = truths.against_truth(recording)
@@ -88,14 +88,40 @@ def do(work: Work) -> dict[str, Any]:
             "force": (np.linalg.norm(estimates.wrench[:, :3], axis=1), FORCES),
         }
         found[name] = {
-            kind: [one(told(truth.time, level, truth, Thresholds(on, on / 2.0, RISE, FALL))) for on in thresholds]
+            kind: [counted(truth.time, level, truth.touched, Thresholds(on, on / 2.0, RISE, FALL)) for on in thresholds]
             for kind, (level, thresholds) in levels.items()
         }
     return found
 
 
-def one(of: Any) -> dict[str, Any]:
-    return {"touches": of.touches, "delays": list(of.delays), "false": of.false, "hours": of.hours}
+def counted(time: np.ndarray, level: np.ndarray, touched: np.ndarray, thresholds: Thresholds) -> dict[str, Any]:
+    """Alarms that begin while a step acts, with their delay, and those that begin while nothing does.
+
+    An alarm that goes on from before tells nothing of a step, unlike in ``evaluation.scores``; a threshold in the noise
+    would else tell all of them.
+    """
+    detector = ContactDetector(thresholds)
+    alarm = np.array([detector.update(t, x) for t, x in zip(time.tolist(), level.tolist(), strict=True)])
+    begins = rises(alarm)
+    starts, ends = rises(touched), rises(~touched)
+    delays = []
+    for start in starts:
+        end = min((row for row in ends if row > start), default=len(time))
+        within = begins[(begins >= start) & (begins < end)]
+        if len(within):
+            delays.append(float(time[within[0]] - time[start]))
+    return {
+        "touches": len(starts),
+        "delays": delays,
+        "false": int((~touched[begins]).sum()),
+        "alarmed": float(alarm[~touched].mean()),
+        "hours": float((~touched).sum()) * PERIOD / 3600.0,
+    }
+
+
+def rises(of: np.ndarray) -> np.ndarray:
+    """Rows at which something begins that was not so in the row before."""
+    return np.flatnonzero(of[1:] & ~of[:-1]) + 1
 
 
 def sum_up(records: list[dict[str, Any]], name: str, kind: str, k: int) -> dict[str, Any]:
@@ -107,6 +133,7 @@ def sum_up(records: list[dict[str, Any]], name: str, kind: str, k: int) -> dict[
         "median": float(np.median(delays)) if delays else math.nan,
         "late": float(np.percentile(delays, 95)) if delays else math.nan,
         "hourly": sum(part["false"] for part in parts) / hours,
+        "alarmed": sum(part["alarmed"] * part["hours"] for part in parts) / hours,
         "touches": touches,
         "hours": hours,
     }
@@ -162,8 +189,15 @@ def show(free: list[dict[str, Any]], pushed: list[dict[str, Any]], estimators: t
             for threshold, no, yes in zip(thresholds, untouched, told_of, strict=True):
                 said = f"1 - {1 - threshold:.0e}" if kind == "probability" else f"{threshold:g} N"
                 late = f"{1e3 * yes['median']:.0f} / {1e3 * yes['late']:.0f}" if yes["found"] else "-"
-                rows.append((name, said, f"{yes['found']:.2f}", late, f"{no['hourly']:.1f}"))
-        head = ("estimator", f"threshold on {kind}", "found", "delay ms, median / 95 %", "false alarms an hour")
+                rows.append((name, said, f"{yes['found']:.2f}", late, f"{no['hourly']:.1f}", f"{no['alarmed']:.3f}"))
+        head = (
+            "estimator",
+            f"threshold on {kind}",
+            "found",
+            "delay ms, median / 95 %",
+            "false alarms an hour",
+            "share of time alarmed",
+        )
         hours, touches = sum_up(free, estimators[0], kind, 0), sum_up(pushed, estimators[0], kind, 0)
         print(f"{touches['touches']} steps, {hours['hours']:.2f} h of free motion:\n")
         print(markdown(head, rows, words=2) + "\n")
