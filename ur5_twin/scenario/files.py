@@ -172,6 +172,7 @@ class MismatchSpec(Strict, frozen=True):
     friction_scale: SixPositive = _ONES
     torque_constant_scale: SixPositive = _ONES
     offset_nm: Six = _ZEROS
+    ripple_phase_rad: Six = _ZEROS
     gravity_scale: NonNegative = 1.0
 
 

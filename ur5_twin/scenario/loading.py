@@ -316,6 +316,7 @@ class _Loader:
             friction_scale=np.array(spec.friction_scale),
             torque_constant_scale=np.array(spec.torque_constant_scale),
             offset=np.array(spec.offset_nm),
+            ripple_phase=np.array(spec.ripple_phase_rad),
             gravity_scale=spec.gravity_scale,
         )
 

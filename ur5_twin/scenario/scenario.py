@@ -62,6 +62,7 @@ class Mismatch:
         friction_scale: (6,) factors on the joints' friction.
         torque_constant_scale: (6,) factors on the motors' torque constants.
         offset: (6,) torque of joints at rest without load, added to the drives' own, Nm.
+        ripple_phase: (6,) added to the phases of every term of the gears' ripple, rad.
         gravity_scale: factor on gravity.
     """
 
@@ -71,6 +72,7 @@ class Mismatch:
     friction_scale: np.ndarray = field(default_factory=lambda: np.ones(6))
     torque_constant_scale: np.ndarray = field(default_factory=lambda: np.ones(6))
     offset: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    ripple_phase: np.ndarray = field(default_factory=lambda: np.zeros(6))
     gravity_scale: float = 1.0
 
     def of_links(self, model: ArmModel) -> ArmModel:
