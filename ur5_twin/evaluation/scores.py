@@ -67,7 +67,7 @@ def score(estimates: Estimates, truth: Truth, regimes: dict[str, np.ndarray], th
     return {
         **_errors(estimates, truth, known),
         "regimes": {name: _errors(estimates, truth, np.logical_and(known, rows)) for name, rows in regimes.items()},
-        "detection": detection(told(estimates.time, estimates.contact, truth, thresholds)),
+        "detection": detection(estimates.time, estimates.contact, truth, thresholds),
     }
 
 
@@ -119,8 +119,13 @@ def told(time: np.ndarray, level: np.ndarray, truth: Truth, thresholds: Threshol
     return Told(len(touches), tuple(delays), missed, false, hours)
 
 
-def detection(of: Told) -> dict[str, Any]:
-    """What ``told`` found, as a report has it.
+def detection(time: np.ndarray, level: np.ndarray, truth: Truth, thresholds: Thresholds) -> dict[str, Any]:
+    """What ``told`` finds, as a report has it (``summary``)."""
+    return summary(told(time, level, truth, thresholds))
+
+
+def summary(of: Told) -> dict[str, Any]:
+    """What ``told`` found, as plain data.
 
     - ``touches``: how many, of ``found`` were told while they lasted; ``missed`` reached 10 N and were not.
     - ``delay_s``: median and 95th percentile from a touch's beginning to the alarm, null where none is found.

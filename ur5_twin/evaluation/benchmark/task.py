@@ -23,7 +23,7 @@ from ur5_twin.evaluation.benchmark.keys import digest, of_file, source_digest
 from ur5_twin.evaluation.benchmark.suite import Level, Suite
 from ur5_twin.evaluation.benchmark.variation import varied
 from ur5_twin.evaluation.estimate_report import judge
-from ur5_twin.evaluation.scores import NEAR_SINGULARITY, Truth, detection, regimes_of, score, told
+from ur5_twin.evaluation.scores import NEAR_SINGULARITY, Truth, regimes_of, score, summary, told
 from ur5_twin.recording.table import Recording
 from ur5_twin.scenario import Scenario, Sensors, load_scenario
 from ur5_twin.twin.scenario_run import ScenarioRun
@@ -139,7 +139,7 @@ def run(task: Task) -> dict[str, Any]:
         alarms = told(found.time, found.contact, truth, thresholds)
         scores[name] = {
             **score(found, truth, regimes, thresholds),
-            "detection": {**detection(alarms), "delays_s": list(alarms.delays), "hours": alarms.hours},
+            "detection": {**summary(alarms), "delays_s": list(alarms.delays), "hours": alarms.hours},
         }
     result = {**about, "rows": len(recording.robot), "estimators": scores}
     return {"result": result, "microseconds": judged.microseconds}
