@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
-from ur5_twin import cli
-
+Run = Callable[..., tuple[int, str, str]]
 OWN = '''
 from ur5_twin.estimation.skeleton import MomentumEstimator
 
@@ -23,21 +22,6 @@ class Mine(MomentumEstimator):
         self.tau += min(arm.dt / 0.1, 1.0) * (arm.mean - self.tau)
         self.variance[:] = 0.04 * arm.white + arm.bias
 '''
-
-
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["ur5-twin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return int(stopped.value.code or 0), captured.out, captured.err
-
-    return call
 
 
 def test_on_the_demo_by_name_and_by_file(run) -> None:

@@ -4,34 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ur5_twin import cli
-
 Run = Callable[..., tuple[int, str, str]]
 NO4, NO9 = "Movement_No4_Acc", "Movement_No9_Singularity_Free_NoDist"
 STILL = "Movement_No10_Standstill_ForceSensor_Fx"
 DEMO = Path(__file__).resolve().parent.parent / "replay" / "demo"
-
-
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["ur5-twin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return int(stopped.value.code or 0), captured.out, captured.err
-
-    return call
 
 
 def current_error(run: Run, log: Path, *options: str) -> np.ndarray:
