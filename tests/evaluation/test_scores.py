@@ -77,6 +77,16 @@ def test_contacts_found_missed_and_imagined() -> None:
     assert found["false_alarms_per_hour"] == pytest.approx(1.0 / hours)
 
 
+def test_an_alarm_that_was_on_before_finds_nothing() -> None:
+    force, level = np.zeros(1000), np.zeros(1000)
+    force[300:400] = force[600:700] = 20.0
+    level[200:450] = 1.0  # 0.8 s before the first touch
+    level[590:700] = 1.0  # 0.08 s before the second one
+    found = detection(TIME, level, truth(force), AT_ONCE)
+    assert (found["found"], found["missed"], found["false_alarms"]) == (1, 1, 1)
+    assert found["delay_s"] == [0.0, 0.0]
+
+
 def test_a_touch_interrupted_for_a_moment_is_one() -> None:
     force = np.zeros(1000)
     force[100:200] = force[210:300] = 20.0
