@@ -17,8 +17,9 @@ from scipy.spatial import KDTree
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
 from ur5_twin.control.tcp_force import TcpForce
+from ur5_twin.drives import terms
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
-from ur5_twin.identification import plant_friction, servo
+from ur5_twin.identification import drive, drive_plant, servo
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 
@@ -66,13 +67,13 @@ def sensor_delay(pushed: Recording, free: Recording, law: TargetCurrentLaw) -> t
 
     arm = load_model("plant", "ati_gamma")
     assert arm.tool is not None
-    other = plant_friction.ride(free, load_model("plant", "xsens_mti"), law)
+    other = terms.ride(free, load_model("plant", "xsens_mti"), law)
     distance, found = KDTree(key(free)).query(key(pushed))
     match = np.asarray(found)
     rows = []
     for delay in DELAYS:
         contact = servo.external_torque(pushed, arm, arm.tool.sensors["ati_gamma"], delay)
-        ride = plant_friction.ride(pushed, arm, law, contact)
+        ride = terms.ride(pushed, arm, law, tau_ext=contact)
         constant, explained = np.full(6, np.nan), np.full(6, np.nan)
         for j in range(5):
             use = (distance < 0.004) & (np.abs(ride.qd[:, j]) > 0.03)
@@ -93,17 +94,20 @@ def sensor_delay(pushed: Recording, free: Recording, law: TargetCurrentLaw) -> t
     return float(best[0]), table
 
 
-def print_fit(fit: plant_friction.FrictionFit) -> None:
-    for name in (
+def print_fit(fit: drive_plant.PlantDrive) -> None:
+    names = (
         "torque_constant",
         "coulomb_positive",
         "coulomb_negative",
         "load",
-        "rise",
-        "rise_speed",
+        "stribeck",
+        "stribeck_speed",
         "viscous",
-    ):
-        print(f"{name:17s} [{', '.join(f'{value:.4g}' for value in getattr(fit, name))}]")
+    )
+    rows = [(name, getattr(fit, name)) for name in names]
+    rows += [(f"ripple {order[0]:.0f}", size) for order, size in zip(fit.order, fit.amplitude, strict=True)]
+    for name, values in rows:
+        print(f"{name:17s} [{', '.join(f'{value:.4g}' for value in values)}]")
 
 
 def main() -> None:
@@ -145,27 +149,26 @@ def main() -> None:
     arm = load_model("plant", "ati_gamma")
     assert arm.tool is not None
     rides = [
-        plant_friction.ride(r, load_model("plant", "xsens_mti" if "imu" in r.tables else None), law)
+        terms.ride(r, load_model("plant", "xsens_mti" if "imu" in r.tables else None), law)
         for name, r in named.items()
         if name.startswith(RIDES)
     ]
     contact = servo.external_torque(named[PUSHED], arm, arm.tool.sensors["ati_gamma"], delay)
-    pushed = plant_friction.ride(named[PUSHED], arm, law, contact)
-    everything = plant_friction.fit_friction([*rides, pushed])
+    pushed = terms.ride(named[PUSHED], arm, law, tau_ext=contact)
     print("friction and torque constants, free and pushed logs together:\n")
-    print_fit(everything)
+    print_fit(drive_plant.fit_plant([*rides, pushed]))
     print("\nfree logs only:\n")
-    print_fit(plant_friction.fit_friction(rides))
+    print_fit(drive_plant.fit_plant(rides))
     rows = []
     for k, unseen in enumerate(rides):
-        others = plant_friction.fit_friction([*(r for i, r in enumerate(rides) if i != k), pushed])
-        moving, resting = plant_friction.errors(others, unseen)
-        own = np.abs(named[unseen.source.removeprefix("Movement_")].robot["target_current"] - unseen.current)
-        fast = np.abs(unseen.qd) > 0.01
-        rows.append((unseen.source, "moving", *numbers(moving, 3)))
-        rows.append((unseen.source, "at rest", *numbers(resting, 3)))
-        target = np.array([own[fast[:, j], j].mean() for j in range(6)])
-        rows.append((unseen.source, "target_current, moving", *numbers(target, 3)))
+        others = drive_plant.fit_plant([*(r for i, r in enumerate(rides) if i != k), pushed])
+        found = drive.score(unseen, others.current(unseen))
+        for name, values in (
+            ("moving", found.moving),
+            ("at rest", found.resting),
+            ("target_current, moving", found.own_moving),
+        ):
+            rows.append((unseen.source, name, *numbers(values, 3)))
     print("\nMAE of the current in A by a fit on the other logs, and the controller's own:\n")
     print(markdown(("log", "", *JOINT_COLUMNS), rows, words=2))
     print("\nviscous friction over the law's mean, by the controller's correction for temperature, median per log:\n")

@@ -1,4 +1,4 @@
-"""The servo and the joints' friction: known numbers recovered, and what the real logs agree on."""
+"""The servo: known gains recovered, and what the real logs agree on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification.plant_friction import FrictionFit, Ride, fit_friction
 from ur5_twin.identification.servo import external_torque, fit_servo, holds_last_position, spectral_radius
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording, Table
@@ -91,30 +90,3 @@ def test_stability_of_finite_steps() -> None:
     assert radius[2] > 1.0
     # A marginal double integrator keeps its energy under semi-implicit steps; one eigenvalue is the unused integral's.
     assert spectral_radius(k0[:1], np.zeros(1), np.zeros(1), 0.002)[0] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_recovers_friction() -> None:
-    rng = np.random.default_rng(7)
-    t = np.arange(6000) * 0.008
-    qd = 0.4 * np.sin(np.outer(t, np.linspace(0.7, 1.3, 6))) + 0.3 * np.sin(np.outer(t, np.linspace(0.11, 0.3, 6)))
-    link = 15.0 * np.sin(np.outer(t, np.linspace(0.2, 0.9, 6)) + 1.0)
-    truth = FrictionFit(
-        torque_constant=np.full(6, 10.0),
-        coulomb_positive=np.full(6, 3.0),
-        coulomb_negative=np.full(6, 2.0),
-        load=np.full(6, 0.08),
-        rise=np.full(6, 2.0),
-        rise_speed=np.full(6, 0.05),
-        viscous=np.full(6, 9.0),
-    )
-    ride = Ride("made", link, link, qd, np.ones_like(qd), np.zeros_like(qd))
-    noisy = Ride("made", link, link, qd, np.ones_like(qd), truth.current(ride) + rng.normal(scale=0.05, size=qd.shape))
-    fit = fit_friction([noisy])
-    # 0.05 A over 6000 rows of 10 Nm/A leave some 0.02 Nm per coefficient; five of that.
-    assert np.allclose(fit.torque_constant, 10.0, rtol=0.01)
-    assert np.allclose(fit.coulomb_positive + fit.rise, 5.0, atol=0.1)
-    assert np.allclose(fit.coulomb_negative + fit.rise, 4.0, atol=0.1)
-    assert np.allclose(fit.load, 0.08, atol=0.01)
-    assert np.allclose(fit.viscous, 9.0, atol=0.3)
-    with pytest.raises(IdentificationError, match="does not move"):
-        fit_friction([Ride("still", link, link, 0 * qd, qd, qd)])

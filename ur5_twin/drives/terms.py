@@ -46,7 +46,7 @@ class Ride:
     Attributes:
         source: the log's name.
         time: (n,) s.
-        torque: Nm that the target motion needs by the plant's rigid-body model, rotors included.
+        torque: Nm that the target motion needs by the plant's rigid-body model, rotors included, contacts taken off.
         link: its part beyond the rotors, Nm.
         qd, qdd: target motion, rad/s and rad/s^2.
         ratio: viscous friction over the controller's law, its correction for temperature; 1 until it shows.
@@ -92,6 +92,7 @@ def ride(
     model: ArmModel,
     law: TargetCurrentLaw | None = None,
     motion: tuple[np.ndarray, np.ndarray] | None = None,
+    tau_ext: np.ndarray | None = None,
 ) -> Ride:
     """A log for the fit and the prediction.
 
@@ -103,6 +104,7 @@ def ride(
         model: the plant's rigid bodies with whatever is bolted to the flange.
         law: the controller's drive law, by default the models' own.
         motion: positions and speeds, (n, 6) each, of the arm that follows the targets, by default the measured ones.
+        tau_ext: (n, 6) J' F of contacts in Nm, positive accelerates; none by default.
 
     Raises:
         RecordingError: a signal is missing or the log is shorter than 20 rows.
@@ -117,12 +119,13 @@ def ride(
     reference = commanded(np.stack([q, qd, qdd], axis=1))[:, 0]
     started = np.maximum.accumulate((qd != 0.0).any(axis=1) | (qdd != 0.0).any(axis=1))[:, None]
     law = law or load_target_current_law()
+    contact = 0.0 if tau_ext is None else tau_ext
     ratio = viscous_ratio(law, qd, robot["target_moment"], robot["target_current"])
     return Ride(
         source=recording.source,
         time=robot.time,
-        torque=Dynamics(model).inverse(reference, qd, qdd),
-        link=Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS))).inverse(reference, qd, qdd),
+        torque=Dynamics(model).inverse(reference, qd, qdd) - contact,
+        link=Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS))).inverse(reference, qd, qdd) - contact,
         qd=qd,
         qdd=qdd,
         ratio=last_known(ratio, np.ones(ratio.shape[1])),
