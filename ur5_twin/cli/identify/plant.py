@@ -1,0 +1,61 @@
+"""``ur5-twin identify plant``: the arm itself from measured motion and currents."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ur5_twin.cli.common import command_line, quiet_engine, read_all
+from ur5_twin.cli.identify.shared import Logs, Repair, error_figures, report
+from ur5_twin.terminal import progress
+
+
+def identify_plant(
+    logs: Logs,
+    tool: Annotated[
+        str,
+        typer.Option(help="What is bolted to the flange: a tool's name, or a TOML with one table like tools.toml."),
+    ] = "none",
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="FIELD=six values, or FIELD.JOINT=VALUE, to be taken as known: torque_constant, rotor_inertia, "
+            "coulomb_positive, coulomb_negative, load, viscous, stribeck, stribeck_speed."
+        ),
+    ] = None,
+    base: Annotated[
+        str, typer.Option(help="Model whose links are known, and whose numbers stand where the logs tell nothing.")
+    ] = "plant",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/plant"),
+    repair: Repair = False,
+) -> None:
+    """Find your arm's rotor inertias, torque constants, friction and ripple from measured motion and currents.
+
+    Writes plant.toml, with joints.toml beside it, for 'replay --plant DIR/plant.toml --joints plant', with 95 %
+    intervals, and a report with the error on each log of a fit to all the others.
+    """
+    from ur5_twin.arm.drive import drives_of
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.identification import plant, plant_check, plant_result
+    from ur5_twin.identification.plant_solve import FIELDS
+    from ur5_twin.identification.plant_windows import motion
+    from ur5_twin.views.plant import draw
+
+    quiet_engine()
+    given = plant_check.known_values(known or [], tuple(FIELDS))
+    model = load_model(base, tool)
+    drives = drives_of(model)
+    recordings = read_all(logs, repair)
+    motions = [motion(recording, model) for recording in recordings]
+    with progress("fit", 6) as advance:
+        fit = plant.fit_plant(motions, drives, model.rotor_inertia, given, advance)
+    unseen = []
+    if len(recordings) > 1:
+        with progress("leave one log out", len(recordings)) as advance:
+            unseen = plant_check.unseen(recordings, model, drives, given, advance)
+    links = plant_result.links_of(base)
+    result = plant_result.plant_result(fit, unseen, model, links, drives, recordings, command_line())
+    figures = draw(motions, fit, drives, model.rotor_inertia, out / "figures")
+    report(result, out, [*error_figures(result, out), *figures])
