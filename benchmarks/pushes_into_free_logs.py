@@ -1,12 +1,13 @@
 """Pushes of known size put into the currents of real free motion, and what friction_kalman makes of them.
 
-    python benchmarks/pushes_into_free_logs.py LOGS [--force N ...] [--moment NM ...] [--push S ...]
+    python benchmarks/pushes_into_free_logs.py LOGS [--pushes hand|leaning] [--force N ...] [--push S ...]
+                                               [--lasting N ...] [--lasts S ...]
 
 LOGS is a folder with one folder per movement. Each of the five free logs is estimated with a current map of the other
-four, so that drives, ripple and noise are real and unknown, while the pushes (half sines of 5 to 40 N and 0.3 to 2 s,
-any direction, seeded) are known exactly: actual_current - slope J' w. Prints, for each setting of the filter's expected
-push, error, coverage and what saying nothing would cost. The setting in models/estimators.toml is chosen by it; no log
-with a force sensor takes part.
+four, so that drives, ripple and noise are real and unknown, while the pushes (up to 40 N and 2 s by hand, up to 60 N
+and 6 s by one who leans, any direction, seeded) are known exactly: actual_current - slope J' w. Prints, for each
+setting of the filter's expected push, error, coverage and what saying nothing would cost. The settings in
+models/estimators.toml are chosen by it; no log with a force sensor takes part.
 """
 
 from __future__ import annotations
@@ -41,9 +42,14 @@ FREE = (
     "No9_Singularity_Free_NoDist",
 )
 TOOL = "xsens_mti"
+#: Of the pushes, N and s: by hand, and up to a hand that leans or a tool that presses.
+PUSHES = {"hand": ((5.0, 40.0), (0.3, 2.0)), "leaning": ((5.0, 60.0), (0.3, 6.0))}
 #: A row counts as pushed from here on, N.
 PUSHED = 3.0
 NINETY = 1.6449
+KEYS = ("force_n", "push_s", "lasting_force_n", "lasting_s")
+#: Moments of a lasting push, Nm, where there is one.
+LASTING_MOMENT = 0.5
 
 
 class Case(NamedTuple):
@@ -52,20 +58,22 @@ class Case(NamedTuple):
     wrench: np.ndarray
 
 
-def pushes(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(n, 6) half sines one after the other, 1.5 to 4 s apart, with moments of some 0.05 Nm."""
+def pushes(time: np.ndarray, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """(n, 6) pushes one after the other, 1.5 to 4 s apart, held between a rise and a fall, with some 0.05 Nm."""
+    sizes, lengths = PUSHES[kind]
     wrench = np.zeros((len(time), 6))
-    at = time[0] + 2.0
-    while at < time[-1] - 2.0:
-        lasts, size, direction = rng.uniform(0.3, 2.0), rng.uniform(5.0, 40.0), rng.normal(size=3)
+    at = time[0] + 1.0
+    while at < time[-1] - 1.0:
+        lasts, size, direction = np.exp(rng.uniform(*np.log(lengths))), rng.uniform(*sizes), rng.normal(size=3)
         axes = np.concatenate([size * direction / np.linalg.norm(direction), 0.05 * rng.normal(size=3)])
-        phase = (time - at) / lasts
-        wrench += np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0)[:, None] * axes
+        edge = min(rng.uniform(0.1, 0.5), lasts / 2.0)
+        inside = np.clip(np.minimum(time - at, at + lasts - time) / edge, 0.0, 1.0)
+        wrench += (np.sin(0.5 * np.pi * inside) ** 2)[:, None] * axes
         at += lasts + rng.uniform(1.5, 4.0)
     return wrench
 
 
-def prepared(folder: Path, seed: int) -> list[Case]:
+def prepared(folder: Path, kind: str, seed: int) -> list[Case]:
     model = load_model("plant", TOOL)
     logs = [read(folder / f"Movement_{name}", repair=True) for name in FREE]
     rides = [terms.ride(log, model) for log in logs]
@@ -75,7 +83,7 @@ def prepared(folder: Path, seed: int) -> list[Case]:
         others = [of for of in rides if of is not ride]
         unseen = drive.with_residuals(drive.fit_drive(others), drive.FREE, others)
         nominal = replace(load_nominal(tool=TOOL), current_map=unseen)
-        wrench = pushes(log.robot.time, rng)
+        wrench = pushes(log.robot.time, kind, rng)
         torque = np.einsum("nij,ni->nj", kinematics.jacobian(model, log.robot["actual_q"]), wrench)
         expected, slope = ExpectedCurrent(nominal), []
         before = None
@@ -89,11 +97,15 @@ def prepared(folder: Path, seed: int) -> list[Case]:
     return cases
 
 
-def judged(cases: Sequence[Case], force: float, moment: float, push: float) -> list[str]:
+def judged(cases: Sequence[Case], *setting: float) -> list[str]:
     errors, pushed_errors, covered, nothing = [], [], [], []
     for case in cases:
         settings = case.nominal.settings
-        spec = msgspec.structs.replace(settings.friction_kalman, force_n=force, moment_nm=moment, push_s=push)
+        spec = msgspec.structs.replace(
+            settings.friction_kalman,
+            lasting_moment_nm=LASTING_MOMENT if setting[2] else 0.0,
+            **dict(zip(KEYS, setting, strict=True)),
+        )
         nominal = replace(case.nominal, settings=msgspec.structs.replace(settings, friction_kalman=spec))
         found = estimate(FrictionKalman(nominal), samples_of(case.recording))
         error = np.abs(found.wrench - case.wrench)
@@ -105,7 +117,7 @@ def judged(cases: Sequence[Case], force: float, moment: float, push: float) -> l
         nothing.append(np.abs(case.wrench)[rows].mean(axis=0))
     parts = [np.mean(part, axis=0) for part in (errors, pushed_errors, nothing, covered)]
     return [
-        f"{force:g} / {moment:g} / {push:g}",
+        " / ".join(f"{value:g}" for value in setting),
         *(" ".join(f"{value:.2f}" for value in part[:3]) for part in parts),
         " ".join(f"{value:.2f}" for value in parts[0][3:]),
     ]
@@ -114,14 +126,23 @@ def judged(cases: Sequence[Case], force: float, moment: float, push: float) -> l
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", type=Path, help="a folder with one folder per movement")
-    parser.add_argument("--force", type=float, nargs="+", default=[8.0, 12.0, 18.0])
-    parser.add_argument("--moment", type=float, nargs="+", default=[0.5])
-    parser.add_argument("--push", type=float, nargs="+", default=[0.1, 0.2, 0.3, 0.6, 1.0])
+    parser.add_argument("--pushes", choices=list(PUSHES), default="hand")
+    parser.add_argument("--force", type=float, nargs="+", default=[8.0, 12.0, 18.0], help="of quick pushes, N")
+    parser.add_argument("--push", type=float, nargs="+", default=[0.1, 0.2, 0.3], help="their length, s")
+    parser.add_argument("--lasting", type=float, nargs="+", default=[0.0, 10.0, 20.0, 40.0], help="of lasting ones, N")
+    parser.add_argument("--lasts", type=float, nargs="+", default=[3.0], help="how long, s")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    cases = prepared(options.logs, options.seed)
-    rows = [judged(cases, *setting) for setting in product(options.force, options.moment, options.push)]
-    head = ("N / Nm / s", "MAE N", "MAE while pushed N", "saying nothing N", "90 % intervals hold", "moment MAE Nm")
+    cases = prepared(options.logs, options.pushes, options.seed)
+    rows = [judged(cases, *setting) for setting in product(options.force, options.push, options.lasting, options.lasts)]
+    head = (
+        "N / s / lasting N / s",
+        "MAE N",
+        "MAE while pushed N",
+        "saying nothing N",
+        "90 % intervals hold",
+        "moment MAE Nm",
+    )
     print(markdown(head, rows))
 
 

@@ -42,6 +42,10 @@ class EstimationError(TwinError):
     """An estimator cannot be had, or a recording lacks what it needs; the message says what."""
 
 
+class BenchmarkError(TwinError):
+    """A benchmark cannot run as asked: a suite or its folder is wrong; the message says what would be right."""
+
+
 class FetchError(TwinError):
     """Public logs could not be fetched or their checksums differ."""
 

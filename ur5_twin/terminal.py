@@ -98,3 +98,38 @@ def show_estimates(report: dict[str, Any], folder: Path) -> None:
     console.print(f"{report['source']}: {report['rows']:,} rows", highlight=False, markup=False)
     console.print(table)
     console.print(f"written to {folder}", highlight=False, markup=False)
+
+
+def show_benchmark(board: dict[str, Any], folder: Path) -> None:
+    """The order of the estimators at each level, and where the rest is."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from ur5_twin.evaluation.reporting import short_number
+
+    console = Console()
+    for level, found in board["levels"].items():
+        table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
+        table.add_column(f"level {level}", no_wrap=True)
+        for head in ("error N", "force N", "Nm", "found", "missed", "false/h"):
+            table.add_column(head, justify="right", no_wrap=True)
+        for name in found["ranking"]:
+            item = found["estimators"][name]
+            hits, mae = item["detection"], item["mae"]
+            errors = [] if mae is None else [item["error_n"], sum(mae[:3]) / 3, sum(mae[3:]) / 3]
+            hourly = hits["false_alarms_per_hour"]
+            table.add_row(
+                name,
+                *(map(short_number, errors) if errors else ["-"] * 3),
+                f"{hits['found']}/{hits['touches']}",
+                str(hits["missed"]),
+                "-" if hourly is None else f"{hourly:.0f}",
+            )
+        console.print(table)
+    for item in board["failed"]:
+        line = f"- {item['scenario']}, {item['level']}, seed {item['seed']}: {item['failure']}"
+        console.print(line, highlight=False, markup=False)
+    for name, value in board.get("lab", {}).get("kendall_tau", {}).items():
+        console.print(f"- order on the real logs and {name}: Kendall's tau {value:.2f}", highlight=False, markup=False)
+    console.print(f"written to {folder}", highlight=False, markup=False)

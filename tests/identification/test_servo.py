@@ -1,4 +1,4 @@
-"""The servo: known gains recovered, and what the real logs agree on."""
+"""The servo: known numbers recovered, and what the real logs agree on."""
 
 from __future__ import annotations
 

@@ -125,6 +125,7 @@ class ToolSpec(Strict, frozen=True):
     mount_height_mm: Positive | None = None
     sensor_frame_mm: Three | None = None
     sensor_frame_source: str | None = None
+    provenance: dict[str, Any] | None = None
 
 
 class GainsSpec(Strict, frozen=True):

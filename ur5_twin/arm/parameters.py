@@ -307,7 +307,7 @@ def load_tool(name: str | None) -> Tool | None:
     """
     if name is None or name == "none":
         return None
-    specs = files.read_named("tools.toml", files.ToolSpec)
+    specs: dict[str, files.ToolSpec] = dict(files.read_named("tools.toml", files.ToolSpec))
     layers = [layer for word in name.split("+") for layer in (_BOTH if word == "both" else (word,))]
     tool: Tool | None = None
     for layer in layers:
@@ -315,7 +315,9 @@ def load_tool(name: str | None) -> Tool | None:
             specs[layer] = files.choose(layer, "tools.toml", files.ToolSpec, "tool")[1]
         if layer not in specs:
             known = tool_names() if len(layers) == 1 else specs
-            raise ModelError(unknown("tool", layer, known) + "; '+' mounts one on another")
+            raise ModelError(
+                unknown("tool", layer, known) + "; '+' mounts one on another, a path ending in .toml is a file's"
+            )
         if layers.count(layer) > 1:
             raise ModelError(f"the tool '{name}' has '{layer}' twice; there is one of each")
         tool = _tool(layer, specs[layer]) if tool is None else _stack(name, tool, layer, specs[layer])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.cli import estimate, identify
+from ur5_twin.cli import benchmark, estimate, identify
 from ur5_twin.cli.common import complete_gains, complete_models, complete_tools, quiet_engine, shipped
 from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
@@ -186,12 +187,14 @@ def replay(
         ),
     ] = None,
     tool: Annotated[
-        str, typer.Option(autocompletion=complete_tools, help="Tool at the flange of the simulated arm.")
+        str,
+        typer.Option(autocompletion=complete_tools, help="Tool at the flange of the simulated arm: a name or a TOML."),
     ] = "none",
     payload: Annotated[
         str,
         typer.Option(
-            autocompletion=complete_tools, help="Tool that the real controller was told of: part of target_moment."
+            autocompletion=complete_tools,
+            help="Tool that the real controller was told of, a name or a TOML: part of target_moment.",
         ),
     ] = "none",
     mode: Annotated[
@@ -256,6 +259,10 @@ def run(
         int | None,
         typer.Option(min=0, help="Of the sensors' noise. Default: the scenario's. The motion stays the same."),
     ] = None,
+    sensors: Annotated[
+        str | None,
+        typer.Option(help="The devices: a preset's name or a TOML ('identify sensor'). Default: the scenario's."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the scenario>.")
     ] = None,
@@ -284,6 +291,8 @@ def run(
         rerun_view.need_rerun()
     quiet_engine()
     loaded = load_scenario(scenario)
+    if sensors is not None:
+        loaded = replace(loaded, sensors=replace(loaded.sensors, preset=sensors))
     folder = run_folder(out, loaded.name)
     running = ScenarioRun(loaded, seed)
     with progress("run", len(running)) as advance:
@@ -312,7 +321,9 @@ def model(
     name: Annotated[
         str, typer.Argument(autocompletion=complete_models, help="A model that ships, or the path of a TOML file.")
     ] = "plant",
-    tool: Annotated[str, typer.Option(autocompletion=complete_tools, help="Tool at the flange.")] = "none",
+    tool: Annotated[
+        str, typer.Option(autocompletion=complete_tools, help="Tool at the flange: a name or a TOML.")
+    ] = "none",
     export: Annotated[Path | None, typer.Option(help="Write the model as MJCF to this file.")] = None,
     scene: Annotated[bool, typer.Option("--scene", help="With --export or --view: put it on its stand, lit.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in MuJoCo's viewer.")] = False,
@@ -335,6 +346,7 @@ def model(
 
 app.add_typer(identify.app, name="identify")
 app.command(epilog=estimate.EXAMPLES)(estimate.estimate)
+app.command(epilog=benchmark.EXAMPLES)(benchmark.benchmark)
 
 
 @app.command()

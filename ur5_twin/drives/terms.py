@@ -46,7 +46,7 @@ class Ride:
     Attributes:
         source: the log's name.
         time: (n,) s.
-        torque: Nm that the target motion needs by the plant's rigid-body model, rotors included, contacts taken off.
+        torque: Nm that the target motion needs by the plant's rigid-body model, rotors included.
         link: its part beyond the rotors, Nm.
         qd, qdd: target motion, rad/s and rad/s^2.
         ratio: viscous friction over the controller's law, its correction for temperature; 1 until it shows.
@@ -104,7 +104,8 @@ def ride(
         model: the plant's rigid bodies with whatever is bolted to the flange.
         law: the controller's drive law, by default the models' own.
         motion: positions and speeds, (n, 6) each, of the arm that follows the targets, by default the measured ones.
-        tau_ext: (n, 6) J' F of contacts in Nm, positive accelerates; none by default.
+        tau_ext: (n, 6) J' F of contacts in Nm, positive accelerates; taken off what the motors must give. None if
+            nothing touches the arm.
 
     Raises:
         RecordingError: a signal is missing or the log is shorter than 20 rows.
@@ -119,8 +120,8 @@ def ride(
     reference = commanded(np.stack([q, qd, qdd], axis=1))[:, 0]
     started = np.maximum.accumulate((qd != 0.0).any(axis=1) | (qdd != 0.0).any(axis=1))[:, None]
     law = law or load_target_current_law()
-    contact = 0.0 if tau_ext is None else tau_ext
     ratio = viscous_ratio(law, qd, robot["target_moment"], robot["target_current"])
+    contact = np.zeros_like(q) if tau_ext is None else tau_ext
     return Ride(
         source=recording.source,
         time=robot.time,

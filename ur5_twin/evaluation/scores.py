@@ -23,7 +23,7 @@ _EARLY = 0.1
 #: Target speed that counts as motion, rad/s, and how long after a turn a joint still reverses, s.
 _MOVING, _TURNING = 1e-3, 0.25
 #: Smallest singular value of J, in m and rad, below which a posture is near a singularity.
-_NEAR_SINGULARITY = 0.1
+NEAR_SINGULARITY = 0.1
 #: Normal quantiles of central intervals that hold 90 % and 95 %.
 _INTERVALS = {"coverage_90": 1.6449, "coverage_95": 1.9600}
 
@@ -71,43 +71,75 @@ def score(estimates: Estimates, truth: Truth, regimes: dict[str, np.ndarray], th
     }
 
 
-def detection(time: np.ndarray, level: np.ndarray, truth: Truth, thresholds: Thresholds) -> dict[str, Any]:
-    """Contacts found, missed and imagined.
+@dataclass(frozen=True)
+class Told:
+    """What a detector made of a log.
 
-    - ``touches``: how many, of ``found`` were told while they lasted; ``missed`` reached 10 N and were not.
-    - ``delay_s``: median and 95th percentile from a touch's beginning to the alarm, null where none is found.
-    - ``false_alarms``, ``false_alarms_per_hour``: alarms without a touch, over the hours without one.
+    Attributes:
+        touches: how many there were.
+        delays: s from a touch's beginning to the alarm, of those told while they lasted.
+        missed: touches that reached 10 N and were not.
+        false: alarms without a touch.
+        hours: without a touch.
+    """
+
+    touches: int
+    delays: tuple[float, ...]
+    missed: int
+    false: int
+    hours: float
+
+
+def told(time: np.ndarray, level: np.ndarray, truth: Truth, thresholds: Thresholds) -> Told:
+    """Contacts found, missed and imagined.
 
     Args:
         time: (n,) s.
-        level: (n,) probability of contact.
+        level: (n,) that grows with the contact: its probability, or a force in N.
         truth: row for row.
         thresholds: of the detector.
     """
     detector = ContactDetector(thresholds)
-    told = np.array([detector.update(t, p) for t, p in zip(time.tolist(), level.tolist(), strict=True)])
+    alarm = np.array([detector.update(t, p) for t, p in zip(time.tolist(), level.tolist(), strict=True)])
     touches = _episodes(time, truth.touched)
     force = np.linalg.norm(np.nan_to_num(truth.wrench[:, :3]), axis=1)
     explained = np.zeros(len(time), dtype=bool)
+    begins = np.flatnonzero(alarm & ~np.concatenate([[False], alarm[:-1]]))
     delays, missed = [], 0
     for first, last in touches:
-        during = slice(np.searchsorted(time, time[first] - _EARLY), last + 1)
-        rows = np.flatnonzero(told[first : last + 1])
-        explained[during] = True
+        early = int(np.searchsorted(time, time[first] - _EARLY))
+        explained[early : last + 1] = True
+        # An alarm that has been on for long says nothing of this touch.
+        rows = begins[(begins >= early) & (begins <= last)]
         if len(rows):
-            delays.append(float(time[first + rows[0]] - time[first]))
+            delays.append(max(float(time[rows[0]] - time[first]), 0.0))
         elif force[first : last + 1].max() >= _WORTH_FINDING:
             missed += 1
-    begins = np.flatnonzero(told & ~np.concatenate([[False], told[:-1]]))
     false = int((~explained[begins]).sum())
     hours = float(np.diff(time, append=time[-1])[~truth.touched].sum()) / 3600.0
+    return Told(len(touches), tuple(delays), missed, false, hours)
+
+
+def detection(time: np.ndarray, level: np.ndarray, truth: Truth, thresholds: Thresholds) -> dict[str, Any]:
+    """What ``told`` finds, as a report has it (``summary``)."""
+    return summary(told(time, level, truth, thresholds))
+
+
+def summary(of: Told) -> dict[str, Any]:
+    """What ``told`` found, as plain data.
+
+    - ``touches``: how many; ``found``, an alarm began with them, or up to 0.1 s before; ``missed`` reached 10 N and
+      were not found.
+    - ``delay_s``: median and 95th percentile from a touch's beginning to the alarm, null where none is found.
+    - ``false_alarms``, ``false_alarms_per_hour``: alarms without a touch, over the hours without one.
+    """
     return {
-        "touches": len(touches),
-        "found": len(delays),
-        "missed": missed,
-        "delay_s": None if not delays else [float(np.median(delays)), float(np.percentile(delays, 95))],
-        "false_alarms": false,
-        "false_alarms_per_hour": false / hours if hours > 0 else None,
+        "touches": of.touches,
+        "found": len(of.delays),
+        "missed": of.missed,
+        "delay_s": None if not of.delays else [float(np.median(of.delays)), float(np.percentile(of.delays, 95))],
+        "false_alarms": of.false,
+        "false_alarms_per_hour": of.false / of.hours if of.hours > 0 else None,
     }
 
 
@@ -138,7 +170,7 @@ def regimes_of(
         "still": still,
         "moving": ~still,
         "reversing": reversing,
-        "near_singularity": sigma_min < _NEAR_SINGULARITY,
+        "near_singularity": sigma_min < NEAR_SINGULARITY,
         "touched": truth.touched,
         "untouched": ~truth.touched,
     }
@@ -152,7 +184,7 @@ def _errors(estimates: Estimates, truth: Truth, rows: np.ndarray) -> dict[str, A
     names = ("mae", "rmse", "max", "bias", "correlation", *_INTERVALS, "tau_mae_nm")
     if not rows.any():
         return found | dict.fromkeys(names)
-    told, true = estimates.wrench[rows], truth.wrench[rows]
+    said, true = estimates.wrench[rows], truth.wrench[rows]
     deviation = np.sqrt(np.maximum(np.einsum("nii->ni", estimates.covariance[rows]), 0.0))
     for name, metric in (
         ("mae", metrics.mean_absolute),
@@ -160,12 +192,12 @@ def _errors(estimates: Estimates, truth: Truth, rows: np.ndarray) -> dict[str, A
         ("max", metrics.largest),
         ("bias", metrics.bias),
     ):
-        found[name] = metric(true, told).tolist()
-    spread = true.std(axis=0) * told.std(axis=0)
-    together = ((true - true.mean(axis=0)) * (told - told.mean(axis=0))).mean(axis=0)
+        found[name] = metric(true, said).tolist()
+    spread = true.std(axis=0) * said.std(axis=0)
+    together = ((true - true.mean(axis=0)) * (said - said.mean(axis=0))).mean(axis=0)
     found["correlation"] = [float(c / s) if s > 0 else None for c, s in zip(together, spread, strict=True)]
     for name, quantile in _INTERVALS.items():
-        found[name] = (np.abs(told - true) <= quantile * deviation).mean(axis=0).tolist()
+        found[name] = (np.abs(said - true) <= quantile * deviation).mean(axis=0).tolist()
     torque = np.isfinite(truth.tau_ext[rows]).all(axis=1)
     found["tau_mae_nm"] = (
         metrics.mean_absolute(truth.tau_ext[rows][torque], estimates.tau_ext[rows][torque]).tolist()

@@ -151,7 +151,8 @@ def with_residuals(
         rides: the logs.
         progress: called with the number of joints done.
     """
-    maps = [found if len(rides) == 1 else fit_drive(_without(rides, of), candidates) for of in rides]
+    known = found.torque_constant
+    maps = [found if len(rides) == 1 else fit_drive(_without(rides, of), candidates, known) for of in rides]
     errors = [of.current - made.current(of) for of, made in zip(rides, maps, strict=True)]
     return replace(found, residuals=residual.fit_residual(rides, errors, progress))
 

@@ -59,7 +59,7 @@ class Result:
     Attributes:
         file: name of the model file.
         layout: what a reader of that file checks it against.
-        model: its content, in the layout of ``models/*.toml``.
+        model: its content, in the layout of ``models/*.toml``; None if there is nothing to put in a file.
         title: what was identified.
         findings: sentences for the report.
         tables: for the report, errors and uncertainties.
@@ -70,7 +70,7 @@ class Result:
 
     file: str
     layout: Any
-    model: dict[str, Any]
+    model: dict[str, Any] | None
     title: str
     findings: tuple[str, ...]
     tables: tuple[Numbers, ...]
@@ -81,7 +81,8 @@ class Result:
     @property
     def files(self) -> tuple[ModelFile, ...]:
         """All of its model files."""
-        return ModelFile(self.file, self.layout, self.model), *self.others
+        own = () if self.model is None else (ModelFile(self.file, self.layout, self.model),)
+        return *own, *self.others
 
 
 def controller_result(

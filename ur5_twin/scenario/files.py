@@ -172,6 +172,7 @@ class MismatchSpec(Strict, frozen=True):
     friction_scale: SixPositive = _ONES
     torque_constant_scale: SixPositive = _ONES
     offset_nm: Six = _ZEROS
+    ripple_phase_rad: Six = _ZEROS
     gravity_scale: NonNegative = 1.0
 
 
@@ -182,7 +183,7 @@ class TemperatureSpec(Strict, frozen=True):
 
 
 class SensorsSpec(Strict, frozen=True):
-    preset: Literal["lab", "ideal"] = "lab"
+    preset: str = "lab"
     late_packages: bool = False
 
 

@@ -27,6 +27,7 @@ from ur5_twin.scenario.scenario import (
     StopLimits,
     Temperature,
 )
+from ur5_twin.sensing import load_sensors
 
 #: Where the arm stands if nothing else is said: bent, as the lab's run No9 begins.
 DEFAULT_START = np.array([2.18, -2.135, -1.745, 0.276, -6.02, 0.0])
@@ -87,7 +88,7 @@ class _Loader:
             payloads=self._payloads(),
             mismatch=self._mismatch(),
             temperature=self._temperature(),
-            sensors=Sensors(spec.sensors.preset, spec.sensors.late_packages),
+            sensors=self._sensors(),
             limits=StopLimits(
                 force=_or_infinite(spec.limits.force_n),
                 deviation=spec.limits.deviation_rad,
@@ -106,13 +107,25 @@ class _Loader:
             plant = self._beside(spec.plant)
             model = load_model(plant)
         with self._at("arm.tool"):
-            model = model.with_tool(load_tool(spec.tool))
+            tool = self._tool(spec.tool)
+            model = model.with_tool(load_tool(tool))
         with self._at("arm.declared_payload"):
-            load_tool(spec.declared_payload)
+            declared = self._tool(spec.declared_payload)
+            load_tool(declared)
         with self._at("arm.gains"):
             gains = self._beside(spec.gains)
             load_gains(gains)
-        return Arm(controller, plant, spec.tool, spec.declared_payload, gains), model
+        return Arm(controller, plant, tool, declared, gains), model
+
+    def _tool(self, name: str) -> str:
+        return "+".join(str(self._beside(layer)) for layer in name.split("+"))
+
+    def _sensors(self) -> Sensors:
+        spec = self._spec.sensors
+        with self._at("sensors.preset"):
+            preset = str(self._beside(spec.preset))
+            load_sensors(preset)
+        return Sensors(preset, spec.late_packages)
 
     def _start(self) -> np.ndarray:
         spec = self._spec.start
@@ -303,6 +316,7 @@ class _Loader:
             friction_scale=np.array(spec.friction_scale),
             torque_constant_scale=np.array(spec.torque_constant_scale),
             offset=np.array(spec.offset_nm),
+            ripple_phase=np.array(spec.ripple_phase_rad),
             gravity_scale=spec.gravity_scale,
         )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -63,6 +62,7 @@ class Mismatch:
         friction_scale: (6,) factors on the joints' friction.
         torque_constant_scale: (6,) factors on the motors' torque constants.
         offset: (6,) torque of joints at rest without load, added to the drives' own, Nm.
+        ripple_phase: (6,) added to the phases of every term of the gears' ripple, rad.
         gravity_scale: factor on gravity.
     """
 
@@ -72,6 +72,7 @@ class Mismatch:
     friction_scale: np.ndarray = field(default_factory=lambda: np.ones(6))
     torque_constant_scale: np.ndarray = field(default_factory=lambda: np.ones(6))
     offset: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    ripple_phase: np.ndarray = field(default_factory=lambda: np.zeros(6))
     gravity_scale: float = 1.0
 
     def of_links(self, model: ArmModel) -> ArmModel:
@@ -108,11 +109,11 @@ class Sensors:
     """What the devices do to the signals.
 
     Attributes:
-        preset: as the lab's were, or without any fault.
+        preset: as the lab's were, or without any fault, or a file of the user's (``sensing.load_sensors``).
         late_packages: whether the robot's packages come late now and then.
     """
 
-    preset: Literal["lab", "ideal"] = "lab"
+    preset: str = "lab"
     late_packages: bool = False
 
 

@@ -1,9 +1,9 @@
 """One measured quantity on its way from the truth to a number in a log.
 
 In this order: the sensor's bandwidth (a low-pass of second order, Butterworth), its delay, a sample at the device's
-time, bias and drift, slow noise, white noise, saturation, and the steps of its converter. A signal goes through in
-pieces of any length, and comes out the same, bit for bit, however it was cut: filters, the last rows, and each random
-stream go on where they were.
+time, gain, bias and drift, slow noise, white noise, saturation, and the steps of its converter. A signal goes through
+in pieces of any length, and comes out the same, bit for bit, however it was cut: filters, the last rows, and each
+random stream go on where they were.
 
 A force sensor has no steps along its axes: its gauges have. With ``gauges`` white noise and rounding happen in their
 counts, and what comes out is a whole number of counts of each gauge, mapped to the axes. So a quiet sensor repeats
@@ -25,6 +25,7 @@ class Channel:
     Attributes:
         delay: from the truth to the sample, s.
         bandwidth: Hz at which the low-pass lets 1/sqrt(2) through.
+        gain: what comes out per what goes in.
         bias: added.
         drift: standard deviation of the bias' random walk after one second.
         slow_noise: standard deviation of noise with a memory.
@@ -37,6 +38,7 @@ class Channel:
 
     delay: float = 0.0
     bandwidth: float | None = None
+    gain: np.ndarray | None = None
     bias: np.ndarray | None = None
     drift: np.ndarray | None = None
     slow_noise: np.ndarray | None = None
@@ -99,6 +101,8 @@ class Line:
     def corrupted(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(n, width) values at sample times (n,) s with bias, drift, noise, limits and steps."""
         channel = self._channel
+        if channel.gain is not None:
+            values = values * channel.gain
         if channel.bias is not None:
             values = values + channel.bias
         if channel.drift is not None and len(time):

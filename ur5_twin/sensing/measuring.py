@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ur5_twin import spatial
 from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, ArmModel
 from ur5_twin.sensing.channel import Line
 from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
@@ -44,7 +45,7 @@ class Measuring:
         if FT_SENSOR in sensors:
             clock, line = ft.spawn(2)
             self._ft = Device(suite.ft_clock, {"ft_wrench": Line(suite.ft, 6, line)}, clock)
-            self._p_FS = sensors[FT_SENSOR]
+            self._p_FS, self._R_SF = sensors[FT_SENSOR], spatial.rotation_from_vector(suite.ft_mount).T
         self._imu = None
         if IMU_SENSOR in sensors:
             clock, acceleration, rate, field = imu.spawn(4)
@@ -54,7 +55,8 @@ class Measuring:
                 "imu_mag": Line(suite.field, 3, field),
             }
             self._imu = Device(suite.imu_clock, lines, clock)
-            self._p_FA = sensors[IMU_SENSOR]
+            self._p_FA = sensors[IMU_SENSOR] + suite.imu_shift
+            self._R_AF = spatial.rotation_from_vector(suite.imu_mount).T
 
     @property
     def host_start(self) -> dict[str, float]:
@@ -97,15 +99,24 @@ class Measuring:
         motion = FlangeMotion.of(self._model, signals)
         if self._ft is not None:
             wrench = sensed_wrench(motion, signals.wrench, load, self._p_FS)
-            reported["ft"] = self._ft.report(signals.time, {"ft_wrench": wrench})
+            reported["ft"] = self._ft.report(signals.time, {"ft_wrench": _turned(self._R_SF, wrench)})
         if self._imu is not None:
             truth = {
                 "imu_acc": motion.at(self._p_FA),
                 "imu_gyro": motion.into_flange(motion.omega),
                 "imu_mag": motion.R_FB @ self._suite.earth_field,
             }
+            truth = {name: _turned(self._R_AF, values) for name, values in truth.items()}
             reported["imu"] = self._imu.report(signals.time, truth)
         return reported
+
+
+def _turned(R: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(n, 3) vectors or (n, 6) wrenches turned, in an order of sums that does not depend on the number of rows."""
+    halves = [values[:, i : i + 3] for i in range(0, values.shape[1], 3)]
+    return np.concatenate(
+        [half[:, :1] * R[:, 0] + half[:, 1:2] * R[:, 1] + half[:, 2:] * R[:, 2] for half in halves], axis=1
+    )
 
 
 class Device:
@@ -131,13 +142,17 @@ class Device:
             self._draw()
         n = int(np.count_nonzero(self._due()))
         own, self._ahead = self._ahead[:n], self._ahead[n:]
-        columns = {name: line.sample(own + clock.offset) for name, line in self._lines.items()}
+        columns = {name: line.sample(self._on_robot(own)) for name, line in self._lines.items()}
         stamps = np.round(own / clock.stamp_step) * clock.stamp_step if clock.stamp_step else own
         return {"time": stamps, **columns}
 
+    def _on_robot(self, own: np.ndarray) -> np.ndarray:
+        """The robot's time at times of the device's own clock, s."""
+        return own * (1.0 + self._clock.drift) + self._clock.offset
+
     def _due(self) -> np.ndarray:
         """Which of the times drawn ahead are covered; rounding must not decide, or a cut elsewhere would otherwise."""
-        return np.all([line.covers(self._ahead + self._clock.offset) for line in self._lines.values()], axis=0)
+        return np.all([line.covers(self._on_robot(self._ahead)) for line in self._lines.values()], axis=0)
 
     def _draw(self) -> None:
         """Draw times further ahead, always as many at once: they must not depend on how the truth is cut."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -18,6 +18,8 @@ from ur5_twin.sensing.channel import Channel
 IDEAL = "ideal"
 _SHIPPED = "sensors.toml"
 _Share = Annotated[float, msgspec.Meta(ge=0, lt=1)]
+#: A clock that is off by more than a hundredth is no clock.
+_Drift = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 
 
 class EncodersSpec(Strict, frozen=True):
@@ -48,6 +50,8 @@ class ForceTorqueSpec(Strict, frozen=True):
     full_scale: SixPositive
     gauges: tuple[Six, Six, Six, Six, Six, Six]
     noise_counts: SixNonNegative
+    mount_rotation_rad: Three = (0.0, 0.0, 0.0)
+    clock_drift_ppm: _Drift = 0.0
 
 
 class AxesSpec(Strict, frozen=True):
@@ -57,6 +61,7 @@ class AxesSpec(Strict, frozen=True):
     slow_noise_hz: Positive
     bias: Three
     full_scale: Positive
+    gain: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
 
 
 class ImuSpec(Strict, frozen=True):
@@ -70,6 +75,9 @@ class ImuSpec(Strict, frozen=True):
     field: AxesSpec
     earth_field: Three
     bits: Annotated[int, msgspec.Meta(ge=2, le=32)]
+    mount_rotation_rad: Three = (0.0, 0.0, 0.0)
+    mount_shift_mm: Three = (0.0, 0.0, 0.0)
+    clock_drift_ppm: _Drift = 0.0
 
 
 class SuiteSpec(Strict, frozen=True):
@@ -77,6 +85,7 @@ class SuiteSpec(Strict, frozen=True):
     currents: CurrentsSpec
     force_torque: ForceTorqueSpec
     imu: ImuSpec
+    provenance: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -89,12 +98,14 @@ class Clock:
             at 0.4 of a period.
         offset: its clock's zero on the robot's clock, s.
         stamp_step: resolution of its time stamps, s; 0 for stamps as exact as a number can be.
+        drift: by how much of a second per second the robot's clock gains on this one.
     """
 
     rate: float
     jitter: float
     offset: float
     stamp_step: float
+    drift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,6 +120,9 @@ class SensorSuite:
         ft, ft_clock: the force sensor, N and Nm.
         acceleration, rate, field, imu_clock: the IMU, m/s^2, rad/s and the unit of ``earth_field``.
         earth_field: (3,) in the base frame.
+        ft_mount, imu_mount: (3,) how the sensor's axes are turned against the flange's, R_FS and R_FA as rotation
+            vectors, rad.
+        imu_shift: (3,) from where the tool says that the IMU measures to where it does, flange axes, m.
         late_packages: whether the robot's packages come late and split while it moves (thesis section 4.4.1).
         source: where the numbers come from, by device.
     """
@@ -126,6 +140,9 @@ class SensorSuite:
     field: Channel
     imu_clock: Clock
     earth_field: np.ndarray
+    ft_mount: np.ndarray
+    imu_mount: np.ndarray
+    imu_shift: np.ndarray
     late_packages: bool
     source: dict[str, str]
 
@@ -133,6 +150,23 @@ class SensorSuite:
 def sensor_names() -> tuple[str, ...]:
     """Names of the presets."""
     return (*files.read_named(_SHIPPED, SuiteSpec), IDEAL)
+
+
+def load_suite(name: str | Path = "lab") -> SuiteSpec:
+    """A preset as its file has it; the lab's for the one without any fault.
+
+    Raises:
+        ModelError: the name is unknown or the file is wrong.
+    """
+    return _chosen(name)[1]
+
+
+def _chosen(name: str | Path) -> tuple[str, SuiteSpec]:
+    if str(name) == IDEAL:
+        return IDEAL, files.read_named(_SHIPPED, SuiteSpec)["lab"]
+    if not str(name).endswith(".toml") and str(name) not in sensor_names():
+        raise ModelError(unknown("sensor preset", str(name), sensor_names()) + ", or give the path of a .toml file")
+    return files.choose(name, _SHIPPED, SuiteSpec, "sensor preset")
 
 
 def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> SensorSuite:
@@ -146,12 +180,9 @@ def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> Se
     Raises:
         ModelError: the name is unknown or the file is wrong.
     """
-    if str(name) == IDEAL:
-        spec = files.read_named(_SHIPPED, SuiteSpec)["lab"]
+    key, spec = _chosen(name)
+    if key == IDEAL:
         return _ideal(spec, late_packages)
-    if not str(name).endswith(".toml") and str(name) not in sensor_names():
-        raise ModelError(unknown("sensor preset", str(name), sensor_names()) + ", or give the path of a .toml file")
-    key, spec = files.choose(name, _SHIPPED, SuiteSpec, "sensor preset")
     ft, imu = spec.force_torque, spec.imu
     return SensorSuite(
         name=key,
@@ -171,12 +202,17 @@ def load_sensors(name: str | Path = "lab", *, late_packages: bool = False) -> Se
             full_scale=np.array(ft.full_scale),
             gauges=_gauges(ft, key),
         ),
-        ft_clock=Clock(ft.rate_hz, ft.jitter_ms * 1e-3, ft.clock_offset_ms * 1e-3, 0.0),
+        ft_clock=Clock(ft.rate_hz, ft.jitter_ms * 1e-3, ft.clock_offset_ms * 1e-3, 0.0, ft.clock_drift_ppm * 1e-6),
         acceleration=_axes(imu.acceleration, imu),
         rate=_axes(imu.rate, imu),
         field=_axes(imu.field, imu),
-        imu_clock=Clock(imu.rate_hz, 0.0, imu.clock_offset_ms * 1e-3, imu.stamp_step_ms * 1e-3),
+        imu_clock=Clock(
+            imu.rate_hz, 0.0, imu.clock_offset_ms * 1e-3, imu.stamp_step_ms * 1e-3, imu.clock_drift_ppm * 1e-6
+        ),
         earth_field=np.array(imu.earth_field),
+        ft_mount=np.array(ft.mount_rotation_rad),
+        imu_mount=np.array(imu.mount_rotation_rad),
+        imu_shift=np.array(imu.mount_shift_mm) * 1e-3,
         late_packages=late_packages,
         source={
             "encoders": spec.encoders.source,
@@ -193,6 +229,7 @@ def _axes(axes: AxesSpec, imu: ImuSpec) -> Channel:
     return Channel(
         delay=imu.delay_ms * 1e-3,
         bandwidth=axes.bandwidth_hz,
+        gain=np.array(axes.gain),
         bias=np.array(axes.bias),
         slow_noise=np.full(3, axes.slow_noise),
         slow_pole=_pole(axes.slow_noise_hz, imu.rate_hz),
@@ -230,6 +267,9 @@ def _ideal(spec: SuiteSpec, late_packages: bool) -> SensorSuite:
         field=plain,
         imu_clock=Clock(spec.imu.rate_hz, 0.0, 0.0, 0.0),
         earth_field=np.array(spec.imu.earth_field),
+        ft_mount=np.zeros(3),
+        imu_mount=np.zeros(3),
+        imu_shift=np.zeros(3),
         late_packages=late_packages,
         source={"encoders": none, "currents": none, "ft": none, "imu": none},
     )

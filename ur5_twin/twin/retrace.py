@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,18 +16,40 @@ from ur5_twin.errors import SimulationError
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import SensorSuite
 from ur5_twin.sources.recorded import RecordedSource
-from ur5_twin.twin.cell import Cell, Setup
+from ur5_twin.twin.cell import Cell, Push, Setup
 from ur5_twin.twin.closed_loop import Limits
 from ur5_twin.twin.telemetry import Telemetry
 
 
-def retrace(recording: Recording, suite: SensorSuite, seed: int = 0) -> Recording:
-    """Let the cell's arm follow a log's targets, untouched, with the sensors that the log has.
+class MeasuredPush:
+    """A wrench at the flange as it was measured, linear in between, none where it is not known.
+
+    Args:
+        time: (n,) s.
+        wrench: (n, 6) on the arm in base axes, N and Nm.
+    """
+
+    body, point, turning = "tool", np.zeros(3), False
+
+    def __init__(self, time: np.ndarray, wrench: np.ndarray) -> None:
+        self._time, self._wrench = time, np.nan_to_num(wrench)
+
+    def acts_within(self, start: float, end: float) -> bool:
+        return bool(self._time[0] < end and self._time[-1] > start)
+
+    def wrench(self, time: np.ndarray) -> np.ndarray:
+        columns = [np.interp(time, self._time, column, left=0.0, right=0.0) for column in self._wrench.T]
+        return np.stack(columns, axis=-1)
+
+
+def retrace(recording: Recording, suite: SensorSuite, seed: int = 0, pushes: Sequence[Push] = ()) -> Recording:
+    """Let the cell's arm follow a log's targets, untouched but for ``pushes``, with the sensors that the log has.
 
     Args:
         recording: with targets, at the robot's 8 ms.
         suite: the sensors.
         seed: of their noise.
+        pushes: wrenches on the arm, on the log's clock.
 
     Raises:
         ReplayError: the log has no targets; SimulationError: the cell cannot follow them.
@@ -45,6 +68,7 @@ def retrace(recording: Recording, suite: SensorSuite, seed: int = 0) -> Recordin
         drives=load_joint_drives(),
         limits=Limits(math.inf, math.inf, math.inf),
         q_start=targets[0, 0],
+        pushes=tuple(pushes),
     )
     cell = Cell(setup)
     telemetry = Telemetry(setup, cell.geoms, suite, np.random.default_rng(seed))

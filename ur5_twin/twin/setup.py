@@ -86,6 +86,7 @@ def _drives(scenario: Scenario, plant: ArmModel) -> JointDrives:
         torque_constant=known.torque_constant * mismatch.torque_constant_scale,
         offset=known.offset + mismatch.offset,
         friction=friction,
+        ripple=replace(known.ripple, phase=known.ripple.phase + mismatch.ripple_phase),
     )
 
 

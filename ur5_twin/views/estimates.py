@@ -54,6 +54,8 @@ def draw_estimates(judged: Judged, folder: Path) -> list[Path]:
     The three estimators whose forces are best are drawn; without a truth the first three.
     """
     names = best(judged)[:_MOST]
+    # The best one lies above the others.
+    drawn_last_first = list(zip(names, ESTIMATES, strict=False))[::-1]
     time, truth = judged.recording.robot.time, judged.truth
     drawn = []
     for part, axes, unit in _PARTS:
@@ -62,13 +64,13 @@ def draw_estimates(judged: Judged, folder: Path) -> list[Path]:
         for row, axis in enumerate(range(axes.start, axes.stop)):
             panel = panels[row, 0]
             paper.name(panel, WRENCH_AXES[axis])
-            for name, colour in zip(names, ESTIMATES, strict=False):
+            for name, colour in drawn_last_first:
                 paper.line(panel, time, judged.estimates[name].wrench[:, axis], colour, 0.9, _words(name))
             if truth is None:
                 continue
             paper.line(panel, time, truth.wrench[:, axis], _colour(truth.what), 1.6, _words(truth.what))
             said = []
-            for name, colour in zip(names, ESTIMATES, strict=False):
+            for name, colour in drawn_last_first:
                 error = judged.estimates[name].wrench[:, axis] - truth.wrench[:, axis]
                 paper.line(panels[row, 1], time, error, colour, 0.7)
                 said.append((f"MAE {np.nanmean(np.abs(error)):.3g}", colour))

@@ -1,4 +1,4 @@
-"""``ur5-twin identify controller`` and ``controller-current``: what the controller believes."""
+"""The controller's own model and current law. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.shared import Logs, Repair, error_figures, report
+from ur5_twin.cli.identify.options import Logs, Repair, error_figure, write_result
 
 
 def identify_controller(
@@ -28,7 +28,7 @@ def identify_controller(
     fit = controller.fit_rigid(recordings, model)
     held_out = controller.held_out_moment(recordings, model) if len(recordings) > 1 else None
     result = results.controller_result(fit, held_out, load_model("controller"), recordings, command_line())
-    report(result, out, error_figures(result, out))
+    write_result(result, out, error_figure(result, out))
 
 
 def identify_controller_current(
@@ -45,4 +45,4 @@ def identify_controller_current(
     recordings = read_all(logs, repair)
     fit = controller.fit_target_current(recordings)
     result = results.current_result(fit, recordings, command_line())
-    report(result, out, error_figures(result, out))
+    write_result(result, out, error_figure(result, out))

@@ -1,4 +1,4 @@
-"""``ur5-twin identify drive``: torque constants, friction and ripple from free motion."""
+"""Motors and gears: the map from torque to current. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.shared import Logs, Repair, report
+from ur5_twin.cli.identify.options import Logs, Repair, write_result
 from ur5_twin.terminal import progress
 
 
@@ -59,4 +59,4 @@ def identify_drive(
             free = drive.with_residuals(free, drive.FREE, rides, advance)
             chosen = drive.with_residuals(chosen, candidates, rides, lambda done: advance(6 + done))
         result = drive_result.drive_result(plant, free, chosen, study, recordings, command_line())
-    report(result, out, draw_relation(recordings, rides, links, two_step.drive, free, out / "figures"))
+    write_result(result, out, draw_relation(recordings, rides, links, two_step.drive, free, out / "figures"))

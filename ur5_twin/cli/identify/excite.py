@@ -1,4 +1,4 @@
-"""``ur5-twin identify excite``: a motion that tells what is to be identified."""
+"""A motion that tells most. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, complete_models, complete_tools, quiet_engine, read_all
-from ur5_twin.cli.identify.shared import Repair, report
+from ur5_twin.cli.identify.options import Repair, write_result
 from ur5_twin.terminal import progress
 
-EXAMPLES = """[bold]Examples[/bold]
+EXCITE_EXAMPLES = """[bold]Examples[/bold]
 
 ur5-twin identify excite --for drive --out out/excite
 
@@ -138,5 +138,5 @@ def identify_excite(
     figures = draw_excitation(found, out / "figures")
     write_text(out / found.sent[0], found.sent[1])
     write_text(out / PLAIN, plain_file(found.trial.reference))
-    report(excite.excite_result(found, command_line()), out, figures)
+    write_result(excite.excite_result(found, command_line()), out, figures)
     print(f"for the arm: {found.sent[0]}, or {PLAIN}; in the twin: ur5-twin run {out / 'scenario.toml'}")

@@ -1,4 +1,4 @@
-"""``ur5-twin identify noise``: noise, steps and clocks of the devices."""
+"""The devices' noise. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.shared import Logs, Repair
+from ur5_twin.cli.identify.options import Logs, Repair
 from ur5_twin.terminal import progress
 
 

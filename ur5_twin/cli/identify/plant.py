@@ -1,4 +1,4 @@
-"""``ur5-twin identify plant``: the arm itself from measured motion and currents."""
+"""The plant: rotors, torque constants, friction. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, quiet_engine, read_all
-from ur5_twin.cli.identify.shared import Logs, Repair, error_figures, report
+from ur5_twin.cli.identify.options import Logs, Repair, error_figure, write_result
 from ur5_twin.terminal import progress
 
 
@@ -58,4 +58,4 @@ def identify_plant(
     links = plant_result.links_of(base)
     result = plant_result.plant_result(fit, unseen, model, links, drives, recordings, command_line())
     figures = draw(motions, fit, drives, model.rotor_inertia, out / "figures")
-    report(result, out, [*error_figures(result, out), *figures])
+    write_result(result, out, [*error_figure(result, out), *figures])

@@ -1,4 +1,4 @@
-"""``ur5-twin identify servo``: the servo's gains from pushes and tracking errors."""
+"""The servo. Heavy imports stay inside the commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.shared import Logs, Repair, report
+from ur5_twin.cli.identify.options import Logs, Repair, write_result
 from ur5_twin.terminal import progress
 
 
@@ -36,4 +36,4 @@ def identify_servo(
         checked = servo_result.held_out(recordings, *knowledge, advance)
     nlse = servo_nlse.fit_nlse(moving) if moving else None
     result = servo_result.servo_result(servo, checked, nlse, recordings, command_line())
-    report(result, out, views.draw(checked, nlse, out / "figures"))
+    write_result(result, out, views.draw(checked, nlse, out / "figures"))
