@@ -86,12 +86,9 @@ class PlantDrive:
         )
         torque = of.torque + friction.sliding(of.qd, of.link, of.ratio)
         for j in range(N_JOINTS):
-            cosine, sine = (
-                self.amplitude[:, j] * np.cos(self.phase[:, j]),
-                -self.amplitude[:, j] * np.sin(self.phase[:, j]),
-            )
+            weights = self.amplitude[:, j] * np.stack([np.cos(self.phase[:, j]), -np.sin(self.phase[:, j])])
             waves = terms.ripple_columns(of, j, tuple(self.order[:, j]), DELAY, LAG, directed=False)
-            torque[:, j] += waves @ np.stack([cosine, sine], axis=1).ravel()
+            torque[:, j] += waves @ weights.T.ravel()
         return torque / self.torque_constant
 
     def table(self, source: str) -> dict[str, Any]:
