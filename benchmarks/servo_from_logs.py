@@ -19,7 +19,7 @@ from ur5_twin.control.target_current import TargetCurrentLaw, load_target_curren
 from ur5_twin.control.tcp_force import TcpForce
 from ur5_twin.drives import terms
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
-from ur5_twin.identification import drive_plant, servo
+from ur5_twin.identification import drive, drive_plant, servo
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 
@@ -95,7 +95,7 @@ def sensor_delay(pushed: Recording, free: Recording, law: TargetCurrentLaw) -> t
 
 
 def print_fit(fit: drive_plant.PlantDrive) -> None:
-    for name in (
+    names = (
         "torque_constant",
         "coulomb_positive",
         "coulomb_negative",
@@ -103,8 +103,11 @@ def print_fit(fit: drive_plant.PlantDrive) -> None:
         "stribeck",
         "stribeck_speed",
         "viscous",
-    ):
-        print(f"{name:17s} [{', '.join(f'{value:.4g}' for value in getattr(fit, name))}]")
+    )
+    rows = [(name, getattr(fit, name)) for name in names]
+    rows += [(f"ripple {order[0]:.0f}", size) for order, size in zip(fit.order, fit.amplitude, strict=True)]
+    for name, values in rows:
+        print(f"{name:17s} [{', '.join(f'{value:.4g}' for value in values)}]")
 
 
 def main() -> None:
@@ -152,11 +155,22 @@ def main() -> None:
     ]
     contact = servo.external_torque(named[PUSHED], arm, arm.tool.sensors["ati_gamma"], delay)
     pushed = terms.ride(named[PUSHED], arm, law, tau_ext=contact)
-    everything = drive_plant.fit_plant([*rides, pushed])
     print("friction and torque constants, free and pushed logs together:\n")
-    print_fit(everything)
+    print_fit(drive_plant.fit_plant([*rides, pushed]))
     print("\nfree logs only:\n")
     print_fit(drive_plant.fit_plant(rides))
+    rows = []
+    for k, unseen in enumerate(rides):
+        others = drive_plant.fit_plant([*(r for i, r in enumerate(rides) if i != k), pushed])
+        found = drive.score(unseen, others.current(unseen))
+        for name, values in (
+            ("moving", found.moving),
+            ("at rest", found.resting),
+            ("target_current, moving", found.own_moving),
+        ):
+            rows.append((unseen.source, name, *numbers(values, 3)))
+    print("\nMAE of the current in A by a fit on the other logs, and the controller's own:\n")
+    print(markdown(("log", "", *JOINT_COLUMNS), rows, words=2))
     print("\nviscous friction over the law's mean, by the controller's correction for temperature, median per log:\n")
     rows = [(r.source, *numbers(np.median(r.ratio, axis=0), 3)) for r in rides]
     print(markdown(("log", *JOINT_COLUMNS), rows))

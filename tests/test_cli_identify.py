@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ur5_twin.recording import read, write_parquet
+
 Run = Callable[..., tuple[int, str, str]]
 NO4, NO9 = "Movement_No4_Acc", "Movement_No9_Singularity_Free_NoDist"
 STILL = "Movement_No10_Standstill_ForceSensor_Fx"
+MOTION = ("target_q", "target_qd", "target_qdd", "actual_q", "actual_qd")
 DEMO = Path(__file__).resolve().parent.parent / "replay" / "demo"
 
 
@@ -34,15 +37,18 @@ def test_drive_files_replay_an_unseen_log(run: Run, lab_logs: Path) -> None:
     ours = current_error(run, unseen, "--mode", "shadow", "--drive", "drive/drive.toml", "--tool", "xsens_mti")
     # Of two logs: the controller's error is 1. Joint 2's rest is what no free log tells.
     assert (ours[[0, 2, 3, 4, 5]] < 0.75).all()
-    assert run("identify", "drive", *logs, "--method", "thesis", "--repair", "--out", "thesis")[0] == 0
+    code, out, _ = run("identify", "drive", lab_logs / NO4, "--method", "thesis", "--repair", "--out", "thesis")
+    assert code == 0
+    assert "written to thesis: drive.toml, report.md" in out
     thesis = current_error(run, unseen, "--mode", "shadow", "--drive", "thesis/drive.toml")
     assert (ours < thesis).all()
 
 
 def test_plant_and_servo_files_replay(run: Run, lab_logs: Path) -> None:
     logs = [lab_logs / NO4, lab_logs / "Movement_No6_Acc_slow_Verify_Model"]
-    code, _, err = run("identify", "plant", *logs, "--tool", "xsens_mti", "--repair", "--out", "plant")
+    code, out, err = run("identify", "plant", *logs, "--tool", "xsens_mti", "--repair", "--out", "plant")
     assert code == 0, err
+    assert "written to plant: plant.toml, joints.toml" in out
     code, out, _ = run("identify", "servo", lab_logs / STILL, lab_logs / NO4, "--repair", "--out", "servo")
     assert code == 0
     assert "written to servo: gains.toml" in out
@@ -74,10 +80,29 @@ def test_a_log_without_motion_is_refused(run: Run, lab_logs: Path, command: str)
     assert not Path("found").exists()
 
 
+@pytest.mark.parametrize("command", ["drive", "plant", "controller", "controller-current"])
+def test_a_log_of_one_joint_is_refused(run: Run, command: str) -> None:
+    """The demo's 9.4 s with joints 2 to 6 held where they start."""
+    demo = read(DEMO)
+    held = {name: demo.robot[name].copy() for name in MOTION}
+    for name, values in held.items():
+        values[:, 1:] = values[0, 1:] if name.endswith("_q") else 0.0
+    write_parquet(demo.with_table(demo.robot.with_columns(held)), Path("one.parquet"))
+    code, _, err = run("identify", command, "one.parquet", "--out", "found")
+    assert code == 2
+    assert err.startswith("ur5-twin: ")
+    assert err.count("\n") == 1
+    assert "joint 2" in err
+    assert "move" in err or "turn" in err
+    assert not Path("found").exists()
+
+
 def test_a_log_without_its_currents_is_refused(run: Run) -> None:
     shutil.copytree(DEMO, "poor")
     Path("poor/csv_files/log_i_actual.csv").unlink()
     for command in ("drive", "plant", "servo"):
         code, _, err = run("identify", command, "poor", "--repair", "--out", "found")
         assert code == 2
-        assert "actual_current" in err
+        assert err.count("\n") == 1
+        assert "no actual_current" in err
+        assert not Path("found").exists()

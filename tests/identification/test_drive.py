@@ -14,7 +14,7 @@ from ur5_twin.control.held import commanded
 from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import drive, thesis_drive
-from ur5_twin.identification.drive_plant import fit_plant
+from ur5_twin.identification.drive_plant import PlantDrive, fit_plant
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording, Table
 
@@ -63,6 +63,42 @@ def test_recovers_friction_and_ripple() -> None:
     assert (plant.amplitude[0] < 0.1 * RIPPLE).all()
     assert (plant.stribeck <= 0.0).all()
     assert (plant.coulomb_positive + plant.stribeck >= 0.0).all()
+
+
+def test_recovers_friction_that_grows_with_load_and_fades() -> None:
+    rng = np.random.default_rng(7)
+    t = np.arange(6000) * 0.008
+    slow, fast = np.outer(t, np.linspace(0.11, 0.3, 6)), np.outer(t, np.linspace(0.7, 1.3, 6))
+    qd = 0.4 * np.sin(fast) + 0.3 * np.sin(slow)
+    angle = np.cumsum(qd, axis=0) * 0.008
+    link = 15.0 * np.sin(np.outer(t, np.linspace(0.2, 0.9, 6)) + 1.0)
+    six, none = np.ones(6), np.full((6, 6), np.nan)
+    order, amplitude = np.outer([202.0, 404.0], six), np.outer([0.4, 0.8], six)
+    truth = PlantDrive(
+        10.0 * six, 5.0 * six, 4.0 * six, -2.0 * six, 0.05 * six, 0.08 * six, 9.0 * six,
+        order, amplitude, np.outer([0.3, -1.2], six), none, np.full((2, 6), np.nan),
+    )  # fmt: skip
+    zero = np.zeros_like(qd)
+    ride = terms.Ride("made", t, link, link, qd, zero, zero + 1.0, zero, angle, zero, zero, zero)
+    fit = fit_plant([replace(ride, current=truth.current(ride) + rng.normal(scale=0.05, size=qd.shape))])
+    # 0.05 A over 6000 rows of 10 Nm/A leave some 0.02 Nm per coefficient; five of that.
+    assert np.allclose(fit.torque_constant, 10.0, rtol=0.01)
+    assert np.allclose(fit.coulomb_positive, 5.0, atol=0.1)
+    assert np.allclose(fit.coulomb_negative, 4.0, atol=0.1)
+    assert np.allclose(fit.load, 0.08, atol=0.01)
+    assert np.allclose(fit.viscous, 9.0, atol=0.3)
+    # Few rows are slow enough for friction to fade: five times as much, on the speeds that are tried.
+    assert np.allclose(fit.stribeck, -2.0, atol=0.5)
+    assert np.allclose(fit.amplitude, amplitude, atol=0.1)
+
+
+def test_contacts_are_taken_off_the_torque(made_recording: Recording) -> None:
+    model = load_model("plant")
+    contact = np.random.default_rng(5).normal(size=(len(made_recording.robot), 6))
+    free, pushed = terms.ride(made_recording, model), terms.ride(made_recording, model, tau_ext=contact)
+    # A push that drives the joint spares the motor that much.
+    assert np.allclose(free.torque - pushed.torque, contact, atol=1e-9)
+    assert np.allclose(free.link - pushed.link, contact, atol=1e-9)
 
 
 def test_what_passes_and_what_is_kept_add_up() -> None:

@@ -12,13 +12,14 @@ where the servo follows it one to one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from ur5_twin.arm import files
+from ur5_twin.arm.friction import FRICTIONLESS
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
@@ -72,6 +73,24 @@ class PlantDrive:
     errors: np.ndarray
     amplitude_errors: np.ndarray
 
+    def current(self, of: terms.Ride) -> np.ndarray:
+        """(n, 6) A that the law expects of a ride; without friction where the target rests."""
+        friction = replace(
+            FRICTIONLESS,
+            coulomb_positive=self.coulomb_positive,
+            coulomb_negative=self.coulomb_negative,
+            stribeck=self.stribeck,
+            stribeck_speed=self.stribeck_speed,
+            load=self.load,
+            viscous=self.viscous,
+        )
+        torque = of.torque + friction.sliding(of.qd, of.link, of.ratio)
+        for j in range(N_JOINTS):
+            weights = self.amplitude[:, j] * np.stack([np.cos(self.phase[:, j]), -np.sin(self.phase[:, j])])
+            waves = terms.ripple_columns(of, j, tuple(self.order[:, j]), DELAY, LAG, directed=False)
+            torque[:, j] += waves @ weights.T.ravel()
+        return torque / self.torque_constant
+
     def table(self, source: str) -> dict[str, Any]:
         """The numbers in the layout of a table of ``models/ur5_joints.toml``.
 
@@ -107,7 +126,7 @@ class PlantDrive:
 
 
 def fit_plant(rides: Sequence[terms.Ride], orders: Sequence[int] = ORDERS) -> PlantDrive:
-    """The plant's numbers from logs of free motion.
+    """The plant's numbers from logs of free motion, or of motion with known contacts.
 
     Args:
         rides: ``drives.terms.ride`` of the logs.
