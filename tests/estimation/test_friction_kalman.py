@@ -144,6 +144,12 @@ def test_a_map_that_follows_the_servo_is_refused() -> None:
         create("friction_kalman", nominal)
 
 
+def test_a_map_that_does_not_say_how_it_errs_is_refused() -> None:
+    nominal = replace(load_nominal(), current_map=replace(load_current_map(), residuals=()))
+    with pytest.raises(EstimationError, match="how it errs"):
+        create("friction_kalman", nominal)
+
+
 def test_below_every_printed_error_of_the_thesis(lab_logs: Path) -> None:
     """On the run of table 6.1, with a map of free motion alone, and it is pushes that it tells."""
     recording = read(lab_logs / "Movement_No9_Singularity_Free_ForceSensor", repair=True)

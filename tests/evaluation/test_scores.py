@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.errors import EstimationError
+from ur5_twin.errors import EstimationError, RecordingError
 from ur5_twin.estimation.detection import Thresholds
 from ur5_twin.estimation.samples import Estimates
 from ur5_twin.evaluation import truths
@@ -117,6 +117,6 @@ def test_what_there_is_to_compare_with(lab_logs: Path) -> None:
     with pytest.raises(EstimationError, match="no truth_wrench"):
         truths.against_truth(pushed)
     bare = Recording({"robot": Table("robot", TIME, {"actual_q": np.zeros((1000, 6))})}, "bare", "test")
-    with pytest.raises(EstimationError, match="no ft_wrench"):
+    with pytest.raises(RecordingError, match="no ft_wrench"):
         truths.against_sensor(bare, load_model("plant", "ati_gamma"))
     assert not truths.against_zero(bare).wrench.any()

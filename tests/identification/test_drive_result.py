@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from ur5_twin.arm.drive import LinearDrive, load_joint_drives
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.drives import terms
-from ur5_twin.drives.current_map import CurrentMap, load_drive_map
+from ur5_twin.drives.current_map import CurrentMap, Residual, load_drive_map
 from ur5_twin.errors import IdentificationError, ModelError
 from ur5_twin.identification import drive, drive_plant, drive_result, results, thesis_drive
 from ur5_twin.identification.drive import HeldOut, Study
@@ -25,10 +26,22 @@ def log(lab_logs: Path) -> Recording:
     return read(lab_logs / "Movement_No9_Singularity_Free_NoDist", repair=True)
 
 
+def tried(fit: CurrentMap) -> CurrentMap:
+    """The map with made-up errors, each number another."""
+    return replace(fit, residuals=tuple(Residual(*(0.1 * j + 0.01 * i for i in range(8))) for j in range(1, 7)))
+
+
+def test_a_map_that_was_tried_on_no_log_is_not_written(log: Recording) -> None:
+    ride = terms.ride(log, load_model("plant"))
+    free = drive.fit_drive([ride])
+    with pytest.raises(ModelError, match="how it errs"):
+        drive_result.drive_result(drive_plant.fit_plant([ride]), free, free, None, [log], "x")
+
+
 def test_the_files_are_ones_that_the_twin_takes(log: Recording, tmp_path: Path) -> None:
     ride = terms.ride(log, load_model("plant"))
-    plant, free = drive_plant.fit_plant([ride]), drive.fit_drive([ride])
-    following = drive.fit_drive([ride], drive.FOLLOWING)
+    plant, free = drive_plant.fit_plant([ride]), tried(drive.fit_drive([ride]))
+    following = tried(drive.fit_drive([ride], drive.FOLLOWING))
     command = "ur5-twin identify drive LOG"
     results.write(drive_result.drive_result(plant, free, following, None, [log], command), tmp_path)
     drives = load_joint_drives(tmp_path / drive_result.FILE)
@@ -40,6 +53,7 @@ def test_the_files_are_ones_that_the_twin_takes(log: Recording, tmp_path: Path) 
         found = load_drive_map(tmp_path / file)
         assert isinstance(found, CurrentMap)
         assert found.shapes == fit.shapes
+        np.testing.assert_allclose(found.residuals, fit.residuals, rtol=0.005)  # three digits
         # Six digits in the file.
         np.testing.assert_allclose(found.current(ride), fit.current(ride), atol=1e-4)
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
@@ -68,7 +82,7 @@ def test_terms_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 
 def test_what_the_log_does_not_tell_is_null(log: Recording, tmp_path: Path) -> None:
     ride = terms.ride(log, load_model("plant"))
-    free, one, none = drive.fit_drive([ride]), np.ones(6), np.full(6, np.nan)
+    free, one, none = tried(drive.fit_drive([ride])), np.ones(6), np.full(6, np.nan)
     item = [HeldOut("run", one, none, one, 2 * one, none, 2 * one)]
     study = Study(item, item, item, item, item, drive.FREE)
     result = drive_result.drive_result(drive_plant.fit_plant([ride]), free, free, study, [log], "x")

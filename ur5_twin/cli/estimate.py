@@ -94,6 +94,7 @@ def estimate(
     from ur5_twin.estimation.registry import estimator_names
     from ur5_twin.evaluation.estimate_report import judge
     from ur5_twin.recording import read
+    from ur5_twin.recording.carried import carried_tool
     from ur5_twin.terminal import show_estimates
     from ur5_twin.views import rerun_view
     from ur5_twin.views.estimates import write_estimates
@@ -103,7 +104,7 @@ def estimate(
     source = shipped(log)
     recording = read(source, repair=repair)
     nominal = load_nominal(
-        model, _carried(recording) if tool is None else tool, joints, current_map=current_map, settings=settings
+        model, carried_tool(recording) if tool is None else tool, joints, current_map=current_map, settings=settings
     )
     truth, at_tool = _truth(recording, nominal.arm, against)
     names = estimator or list(estimator_names())
@@ -114,14 +115,6 @@ def estimate(
         judged, folder, log=source, rerun=rerun_view.has_rerun() if rerun is None else rerun, figures=figures
     )
     show_estimates(report, folder)
-
-
-def _carried(recording: Recording) -> str:
-    """The devices that a log's tables come from, as a tool."""
-    from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR
-
-    carried = [name for name, device in ((FT_SENSOR, "ft"), (IMU_SENSOR, "imu")) if device in recording.tables]
-    return "+".join(carried) or "none"
 
 
 def _truth(recording: Recording, arm: ArmModel, against: Against | None) -> tuple[Truth | None, np.ndarray | None]:

@@ -105,7 +105,7 @@ class CurrentMap:
         shapes: per joint.
         coefficients: per joint, in the order of ``Shape.names``.
         errors: their standard errors.
-        residuals: per joint, how the map errs.
+        residuals: per joint, how the map errs; none of a map that has not been tried on other logs.
     """
 
     name: str
@@ -131,20 +131,12 @@ class CurrentMap:
         """The rigid bodies that the map was fitted with, nothing at the flange."""
         return load_model(self.model)
 
-    def current(self, of: terms.Ride, *, tare: bool = False) -> np.ndarray:
-        """Expected actual_current (n, 6) in A; row k uses rows up to k only.
-
-        Args:
-            of: the log.
-            tare: take what the joints remember at the log's start from actual_current of its first ten rows (80 ms), as
-                a force sensor is tared; those rows then use one another. Without it no current is used.
-        """
+    def current(self, of: terms.Ride) -> np.ndarray:
+        """Expected actual_current (n, 6) in A; row k uses rows up to k only, and no measured current."""
         predicted = np.empty_like(of.angle)
         for j, (shape, x) in enumerate(zip(self.shapes, self.coefficients, strict=True)):
             made, known = columns(of, j, shape, self.torque_constant[j])
             predicted[:, j] = known + made @ x
-            if tare:
-                predicted[:, j] += start(of, j, of.current[:, j] - predicted[:, j])
         return predicted
 
 
@@ -228,6 +220,8 @@ def load_drive_map(name: str | Path) -> CurrentMap | LinearDrive:
 
 def table(of: CurrentMap) -> dict[str, object]:
     """A map in the layout of a table of ``models/current_maps.toml``, coefficients to six digits."""
+    if not of.residuals:
+        raise ModelError(f"{of.name} does not say how it errs: it has not been tried on logs")
     joints = []
     for shape, found, errors, residual in zip(of.shapes, of.coefficients, of.errors, of.residuals, strict=True):
         parts = [

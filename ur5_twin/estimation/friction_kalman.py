@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 
 from ur5_twin.drives.current_map import SETTLING, SETTLING_TIME
+from ur5_twin.errors import EstimationError
 from ur5_twin.estimation.expected_current import ExpectedCurrent
 from ur5_twin.estimation.intake import Intake, Step
 from ur5_twin.estimation.nominal import NominalModel
@@ -67,6 +68,10 @@ class FrictionKalman:
 
     def __init__(self, nominal: NominalModel) -> None:
         spec = self.spec(nominal.settings)
+        if not nominal.current_map.residuals:
+            raise EstimationError(
+                f"drive {nominal.current_map.name} does not say how it errs: it has not been tried on logs"
+            )
         self._expected = ExpectedCurrent(nominal)
         self._intake = Intake(_NEEDED)
         self._solver = WrenchSolver(nominal)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ur5_twin.arm import kinematics
@@ -56,21 +54,12 @@ def against_sensor(recording: Recording, arm: ArmModel, delay: float = force_sen
         delay: s by which the sensor's rows are late beside the robot's (docs/servo.md).
 
     Raises:
-        EstimationError: no force sensor in the log, or none on the arm's tool.
+        RecordingError: no force sensor in the log; EstimationError: none on the arm's tool.
     """
-    table = recording.tables.get("ft")
-    if table is None or "ft_wrench" not in table or not np.isfinite(table["ft_wrench"]).any():
-        raise EstimationError(f"{recording.source}: no ft_wrench; there is no force sensor to compare with")
+    aligned, wrench = force_sensor.measured_wrench(recording, arm, delay)
     if arm.tool is None or FT_SENSOR not in arm.tool.sensors:
-        raise EstimationError(
-            f"where the force sensor sits is not known: give a tool that carries it (--tool {FT_SENSOR})"
-        )
-    aligned = recording.with_table(replace(table, time=table.time - delay)).aligned()
-    q = aligned["actual_q"]
-    wrench = force_sensor.on_arm(
-        aligned["ft_wrench"], kinematics.forward(arm, q), arm.tool, force_sensor.sensor_bias(recording)
-    )
-    tau_ext = np.einsum("nij,ni->nj", kinematics.jacobian(arm, q), wrench)
+        raise EstimationError(f"nobody said where the force sensor sits: give a tool that has it (--tool {FT_SENSOR})")
+    tau_ext = np.einsum("nij,ni->nj", kinematics.jacobian(arm, aligned["actual_q"]), wrench)
     # A sensor's noise is no touch, and a touch that swings through zero goes on.
     touched = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1) > TOUCHED
     return Truth("ft", aligned.time, wrench, tau_ext, touched)

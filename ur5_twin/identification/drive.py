@@ -16,7 +16,7 @@ from ur5_twin.arm.drive import LinearDrive
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.drives import terms
-from ur5_twin.drives.current_map import CurrentMap, Residual, Shape, columns, start
+from ur5_twin.drives.current_map import CurrentMap, Shape, columns, start
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import residual, thesis_drive
 from ur5_twin.recording.table import Recording
@@ -90,8 +90,6 @@ FOLLOWING = (
         Penalty(3.0, 0.2, 0.1),
     ),
 )
-#: Of a map that has not been tried on other logs.
-_UNKNOWN = Residual(*[1.0] * 8)
 #: Name of the rigid-body model in the fits.
 MODEL = "plant"
 
@@ -132,9 +130,7 @@ def fit_drive(
         errors.append(spread)
     shapes = tuple(candidate.shape for candidate in candidates)
     source = f"identified from {', '.join(of.source for of in rides)}"
-    return CurrentMap(
-        "identified", source, MODEL, known, shapes, tuple(coefficients), tuple(errors), (_UNKNOWN,) * N_JOINTS
-    )
+    return CurrentMap("identified", source, MODEL, known, shapes, tuple(coefficients), tuple(errors), ())
 
 
 def with_residuals(

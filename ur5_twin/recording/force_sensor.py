@@ -8,11 +8,15 @@ servo brings it back (docs/servo.md), and the motor's current answers against it
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ur5_twin import spatial
-from ur5_twin.arm.parameters import FT_SENSOR, Tool
-from ur5_twin.recording.table import Recording
+from ur5_twin.arm import kinematics
+from ur5_twin.arm.parameters import FT_SENSOR, ArmModel, Tool
+from ur5_twin.errors import RecordingError
+from ur5_twin.recording.table import Recording, Table
 
 #: The sensor's reading of this long from its beginning is taken for its bias, s.
 TARE_TIME = 0.3
@@ -45,3 +49,26 @@ def on_arm(ft_wrench: np.ndarray, X_BF: np.ndarray, tool: Tool | None, bias: np.
     if tool is not None and FT_SENSOR in tool.sensors:
         on_sensor = spatial.shift_wrench(on_sensor, -tool.sensors[FT_SENSOR])
     return spatial.rotate_wrench(X_BF[:, :3, :3], on_sensor)
+
+
+def measured_wrench(recording: Recording, arm: ArmModel, delay: float = FT_DELAY) -> tuple[Table, np.ndarray]:
+    """What the force sensor read, tared, for each row of the robot's table.
+
+    Args:
+        recording: with ``ft_wrench``.
+        arm: with the tool that carries the sensor; without one the moments are about the sensor's own origin.
+        delay: s by which the sensor's rows are late beside the robot's.
+
+    Returns:
+        The aligned table, and (n, 6) the wrench on the arm at the flange in base axes, N and Nm; NaN where the sensor
+        is silent.
+
+    Raises:
+        RecordingError: the log holds no reading of a force sensor.
+    """
+    table = recording.tables.get("ft")
+    if table is None or "ft_wrench" not in table or not np.isfinite(table["ft_wrench"]).any():
+        raise RecordingError(f"{recording.source}: no ft_wrench; the log has no force sensor's readings")
+    aligned = recording.with_table(replace(table, time=table.time - delay)).aligned()
+    X_BF = kinematics.forward(arm, aligned["actual_q"])
+    return aligned, on_arm(aligned["ft_wrench"], X_BF, arm.tool, sensor_bias(recording))

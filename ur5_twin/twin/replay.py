@@ -175,16 +175,8 @@ def _measured_wrench(recording: Recording, settings: ReplaySettings) -> np.ndarr
             f"--wrench measured needs to know where the force sensor sits: give a tool with {FT_SENSOR} "
             f"(--tool {FT_SENSOR})"
         )
-    table = recording.tables.get("ft")
-    if table is None or "ft_wrench" not in table:
-        raise ReplayError(f"{recording.source}: --wrench measured needs a force sensor's readings, the log has none")
-    aligned = recording.with_table(replace(table, time=table.time - settings.ft_delay)).aligned()
-    readings = aligned["ft_wrench"]
     # Before the sensor's first and after its last reading nothing is known to push.
-    wrench = force_sensor.on_arm(
-        readings, kinematics.forward(settings.plant, aligned["actual_q"]), tool, force_sensor.sensor_bias(recording)
-    )
-    return np.nan_to_num(wrench, nan=0.0)
+    return np.nan_to_num(force_sensor.measured_wrench(recording, settings.plant, settings.ft_delay)[1], nan=0.0)
 
 
 def _notes(source: RecordedSource, mode: Mode, loop: ClosedLoop, restarts: list[float]) -> list[Note]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ur5_twin.arm import inertia, kinematics
+from ur5_twin.arm import inertia
 from ur5_twin.arm.drive import JointDrives, drives_of
 from ur5_twin.arm.parameters import ArmModel, Tool
 from ur5_twin.control.gains import load_gains
@@ -17,6 +17,7 @@ from ur5_twin.scenario.pushes import LogPush
 from ur5_twin.scenario.scenario import Scenario
 from ur5_twin.twin.cell import Payload, Setup
 from ur5_twin.twin.closed_loop import Limits
+from ur5_twin.twin.measured_push import MeasuredPush
 
 
 def setup_of(scenario: Scenario) -> Setup:
@@ -40,7 +41,7 @@ def setup_of(scenario: Scenario) -> Setup:
         limits=Limits(scenario.limits.deviation, scenario.limits.speed, scenario.limits.force),
         q_start=scenario.q_start,
         obstacles=scenario.obstacles,
-        pushes=tuple(_LoggedPush(push, plant) if isinstance(push, LogPush) else push for push in scenario.pushes),
+        pushes=tuple(_logged(push, plant) if isinstance(push, LogPush) else push for push in scenario.pushes),
         payloads=tuple(Payload(p.at, p.mass, p.center, p.inertia) for p in scenario.payloads),
         told=tuple(sorted(told, key=lambda item: item[0])),
         warm_for=scenario.temperature.warm_for,
@@ -90,35 +91,18 @@ def _drives(scenario: Scenario, plant: ArmModel) -> JointDrives:
     )
 
 
-class _LoggedPush:
+def _logged(push: LogPush, plant: ArmModel) -> MeasuredPush:
     """The wrench that a real log's force sensor measured, on the arm again from a time on."""
-
-    def __init__(self, push: LogPush, plant: ArmModel) -> None:
-        self.body, self.point, self.turning = push.body, push.point, False
-        recording = read(push.path, repair=True)
-        table = recording.tables.get("ft")
-        if table is None or "ft_wrench" not in table:
-            raise ScenarioError(f"push.log: {recording.source} has no force sensor's readings")
-        aligned = recording.aligned()
-        known = np.isfinite(aligned["ft_wrench"]).all(axis=1)
-        time = aligned.time[known]
-        last = time[-1] if push.last is None else push.last
-        inside = (time >= push.first) & (time <= last)
-        if inside.sum() < 2:
-            raise ScenarioError(
-                f"push.log: {recording.source} has its force sensor's readings from {time[0]:.3f} to {time[-1]:.3f} s; "
-                f"nothing between {push.first:g} and {last:g} s"
-            )
-        X_BF = kinematics.forward(plant, aligned["actual_q"][known][inside])
-        wrench = force_sensor.on_arm(
-            aligned["ft_wrench"][known][inside], X_BF, plant.tool, force_sensor.sensor_bias(recording)
+    recording = read(push.path, repair=True)
+    aligned, wrench = force_sensor.measured_wrench(recording, plant)
+    known = np.isfinite(wrench).all(axis=1)
+    time = aligned.time[known]
+    last = time[-1] if push.last is None else push.last
+    inside = (time >= push.first) & (time <= last)
+    if inside.sum() < 2:
+        raise ScenarioError(
+            f"push.log: {recording.source} has its force sensor's readings from {time[0]:.3f} to {time[-1]:.3f} s; "
+            f"nothing between {push.first:g} and {last:g} s"
         )
-        self._time = time[inside] - push.first + push.at
-        self._wrench = push.scale * wrench
-
-    def acts_within(self, start: float, end: float) -> bool:
-        return self._time[0] < end and self._time[-1] > start
-
-    def wrench(self, time: np.ndarray) -> np.ndarray:
-        columns = [np.interp(time, self._time, column, left=0.0, right=0.0) for column in self._wrench.T]
-        return np.stack(columns, axis=-1)
+    at = time[inside] - push.first + push.at
+    return MeasuredPush(at, push.scale * wrench[known][inside], push.body, push.point)

@@ -26,7 +26,8 @@ from ur5_twin.evaluation.scores import Truth
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import load_sensors
-from ur5_twin.twin.retrace import MeasuredPush, retrace
+from ur5_twin.twin.measured_push import MeasuredPush
+from ur5_twin.twin.retrace import retrace
 
 #: The runs with pushes and a force sensor.
 PUSHED = (
