@@ -46,6 +46,14 @@ class BenchmarkError(TwinError):
     """A benchmark cannot run as asked: a suite or its folder is wrong; the message says what would be right."""
 
 
+class WireError(TwinError):
+    """The virtual controller's ports, or a connection to a robot or sensor: what was asked for cannot be had."""
+
+
+class ScriptError(WireError):
+    """A URScript program is wrong or asks for what cannot be; the message names the line."""
+
+
 class FetchError(TwinError):
     """Public logs could not be fetched or their checksums differ."""
 
