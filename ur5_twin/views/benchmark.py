@@ -17,6 +17,8 @@ from ur5_twin.views.style import MEASURED, STOPPED, TWIN
 
 #: What intervals of 90 % shall cover.
 _COVERED = (0.85, 0.95)
+#: How bright red, green and blue look, and below which brightness a cell's number is white.
+_LUMINANCE, _DARK = (0.299, 0.587, 0.114), 0.45
 _LEVELS = (MEASURED, "#f2b56b", TWIN, STOPPED)
 
 
@@ -94,11 +96,22 @@ def _map(
     height = 2.1 + 0.3 * len(order)
     figure = paper.new_figure(12.0, height, title)
     panel = figure.subplots(gridspec_kw=_margins(height, 0.0) | {"top": 1.0 - 1.35 / height})
-    panel.imshow(cells, aspect="auto", cmap="RdYlGn" if key == "regimes" else "YlOrRd", vmin=limits[0], vmax=limits[1])
+    colours = "RdYlGn" if key == "regimes" else "YlOrRd"
+    drawn = panel.imshow(cells, aspect="auto", cmap=colours, vmin=limits[0], vmax=limits[1])
     for (row, column), number in np.ndenumerate(cells):
         right = key == "regimes" and _COVERED[0] <= number <= _COVERED[1]
         text = "-" if np.isnan(number) else form.format(number)
-        panel.text(column, row, text, ha="center", va="center", fontsize=8, fontweight="bold" if right else "normal")
+        brightness = float(np.dot(drawn.to_rgba(number)[:3], _LUMINANCE))
+        panel.text(
+            column,
+            row,
+            text,
+            ha="center",
+            va="center",
+            fontsize=8,
+            fontweight="bold" if right else "normal",
+            color="black" if np.isnan(number) or brightness > _DARK else "white",
+        )
     panel.set_yticks(range(len(order)), [_short(name) for name in order], fontsize=8)
     panel.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names], fontsize=6.5)
     panel.xaxis.tick_top()
