@@ -11,6 +11,9 @@ from functools import reduce
 import numpy as np
 from numpy.typing import ArrayLike
 
+#: What the six numbers of a wrench are called.
+WRENCH_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+WRENCH_UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 #: Below this |sin theta| the first and third ZYZ angle are not defined well enough to differentiate.
 ZYZ_SINGULAR_SIN = 1e-9
 

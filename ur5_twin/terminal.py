@@ -84,13 +84,14 @@ def show_estimates(report: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from ur5_twin.evaluation.estimate_report import AXES, estimate_rows
+    from ur5_twin.evaluation.estimate_report import estimate_rows
+    from ur5_twin.spatial import WRENCH_AXES
 
     compared = report["against"] is not None
     title = f"MAE against {report['against']}" if compared else "99th percentile"
     table = Table(box=SIMPLE, padding=(0, 1), pad_edge=False)
     table.add_column(f"{title}, N and Nm", no_wrap=True)
-    for axis in AXES:
+    for axis in WRENCH_AXES:
         table.add_column(axis, justify="right", no_wrap=True)
     for row in estimate_rows(report, "mae" if compared else "percentile_99"):
         table.add_row(*row)

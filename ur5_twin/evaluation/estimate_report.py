@@ -18,8 +18,7 @@ from ur5_twin.evaluation.reporting import closing, short_number, versions
 from ur5_twin.evaluation.scores import Truth, regimes_of, score
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.recording.table import Recording
-
-AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+from ur5_twin.spatial import WRENCH_AXES
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,7 @@ def render_estimates(report: dict[str, Any], figures: Sequence[Any]) -> str:
     for key, title in tables:
         rows = estimate_rows(report, key)
         if rows:
-            lines += ["", f"{title}:", "", markdown(("estimator", *AXES), rows)]
+            lines += ["", f"{title}:", "", markdown(("estimator", *WRENCH_AXES), rows)]
     if report["against"]:
         lines += ["", *_regimes(report), "", *_detection(report)]
     lines += ["", "Time of a sample here and now, microseconds:", ""]

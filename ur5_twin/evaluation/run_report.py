@@ -17,12 +17,12 @@ from ur5_twin.evaluation.reporting import closing, found_in, held_targets, numbe
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.recording.force_sensor import on_arm, sensor_bias
 from ur5_twin.recording.table import Recording, Table
+from ur5_twin.spatial import WRENCH_AXES, WRENCH_UNITS
 
 #: What ``safety_mode`` says while a protective stop holds the arm.
 PROTECTIVE_STOP = 3
 #: A joint moves while its target does at more than this, rad/s.
 _MOVING = 1e-3
-_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 #: Columns that a run has beside those of a log, and all that this report cannot do without.
 _NEEDED = (
     "target_q",
@@ -349,7 +349,7 @@ def _wrench_lines(wrench: dict[str, Any]) -> list[str]:
                     rows.append((f"{label}, {words}", name, *map(short_number, values)))
     if not rows:
         return []
-    axes = [f"{axis}, {'N' if axis[0] == 'F' else 'Nm'}" for axis in _AXES]
+    axes = [f"{axis}, {unit}" for axis, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)]
     text = (
         "Errors against the true wrench on the last link and tool, at the flange in base axes. In contact is while "
         "anything touches or pushes the arm; bias is device minus truth. A touch further up the arm is an error of the "

@@ -25,7 +25,8 @@ _MOVING, _TURNING = 1e-3, 0.25
 #: Smallest singular value of J, in m and rad, below which a posture is near a singularity.
 NEAR_SINGULARITY = 0.1
 #: Normal quantiles of central intervals that hold 90 % and 95 %.
-_INTERVALS = {"coverage_90": 1.6449, "coverage_95": 1.9600}
+NINETY, _NINETY_FIVE = 1.6449, 1.9600
+_INTERVALS = {"coverage_90": NINETY, "coverage_95": _NINETY_FIVE}
 
 
 @dataclass(frozen=True)

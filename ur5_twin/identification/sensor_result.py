@@ -19,6 +19,7 @@ from ur5_twin.identification.spread import NINETY_FIVE, together
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import load_sensors
 from ur5_twin.sensing.specs import SuiteSpec, load_suite
+from ur5_twin.spatial import WRENCH_AXES
 
 #: Name of the file, and of its table.
 FILE, TABLE = "sensors.toml", "mine"
@@ -206,7 +207,7 @@ def _ft(
     joints = tuple(f"joint {j}" for j in range(1, 7))
     tables.append(Numbers("Share of the currents that the pushes explain", "1", logs, joints, np.array(shares)))
     errors = np.array([np.concatenate([item.before, item.after]) for item in fits])
-    heads = tuple(f"{axis} {when}" for when in ("before", "after") for axis in ("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+    heads = tuple(f"{axis} {when}" for when in ("before", "after") for axis in WRENCH_AXES)
     tables.append(Numbers("Error without contact, root mean square", "N, Nm", logs, heads, errors))
     findings += [
         "force sensor: bias " + _listed(bias, NINETY_FIVE * bias_std) + " N and Nm (95 %)",

@@ -10,16 +10,16 @@ import numpy as np
 from ur5_twin.atomic import write_text
 from ur5_twin.evaluation.estimate_report import Judged, deviation, render_estimates, summarise_estimates, with_columns
 from ur5_twin.evaluation.reporting import render_json
+from ur5_twin.evaluation.scores import NINETY
 from ur5_twin.recording import write_parquet
+from ur5_twin.spatial import WRENCH_AXES
 from ur5_twin.views import paper
-from ur5_twin.views.style import ESTIMATES, SENSOR, TRUTH, WRENCH_AXES
+from ur5_twin.views.style import ESTIMATES, SENSOR, TRUTH
 
 _SIZE = (13.0, 8.5)
 #: As many as a panel and its legend bear: the best by force.
 _MOST = 3
 _PARTS = (("force", slice(0, 3), "N"), ("moment", slice(3, 6), "Nm"))
-#: Normal quantile of a central 90 % interval.
-_NINETY = 1.6449
 
 
 def write_estimates(judged: Judged, folder: Path, *, log: Path, rerun: bool, figures: bool) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def best(judged: Judged) -> list[str]:
 def _interval(judged: Judged, name: str, path: Path) -> Path:
     """One estimate with its 90 % interval, six panels."""
     found, truth, time = judged.estimates[name], judged.truth, judged.recording.robot.time
-    width = _NINETY * deviation(found)
+    width = NINETY * deviation(found)
     figure = paper.new_figure(*_SIZE, f"{judged.recording.source}: {_words(name)} with its 90 % interval")
     panels = paper.panels(figure, 3, 2)
     thin = np.unique(np.linspace(0, len(time) - 1, min(len(time), 3000)).astype(int))

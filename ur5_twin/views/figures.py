@@ -14,8 +14,9 @@ from ur5_twin.arm.parameters import JOINT_NAMES, Tool
 from ur5_twin.evaluation import contacts
 from ur5_twin.evaluation.run_report import protective_stop
 from ur5_twin.recording.table import Recording, Table
+from ur5_twin.spatial import WRENCH_AXES
 from ur5_twin.views import paper, wrenches
-from ur5_twin.views.style import MEASURED, QUANTITIES, STOPPED, TRUTH, TRUTH_TOO, TWIN, WRENCH_AXES, Quantity, has
+from ur5_twin.views.style import MEASURED, QUANTITIES, STOPPED, TRUTH, TRUTH_TOO, TWIN, Quantity, has
 
 _SIZE = (13.0, 8.0)
 _TALL = (13.0, 12.5)

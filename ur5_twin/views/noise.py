@@ -14,8 +14,9 @@ from ur5_twin.atomic import write_text
 from ur5_twin.evaluation.reporting import short_number, versions
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.identification.noise import Noise, rows
+from ur5_twin.spatial import WRENCH_AXES
 from ur5_twin.views import paper
-from ur5_twin.views.style import MEASURED, TWIN, WRENCH_AXES
+from ur5_twin.views.style import MEASURED, TWIN
 
 _SIZE = (13.0, 7.0)
 _AXES = {

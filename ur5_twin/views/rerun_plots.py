@@ -22,8 +22,9 @@ from ur5_twin.evaluation import contacts
 from ur5_twin.evaluation.contacts import Touch
 from ur5_twin.evaluation.run_report import PROTECTIVE_STOP
 from ur5_twin.recording.table import Table
+from ur5_twin.spatial import WRENCH_AXES, WRENCH_UNITS
 from ur5_twin.views import rerun_scene as scene
-from ur5_twin.views.style import CONTACTS, PUSHES, QUANTITIES, STOPPED, WRENCH_AXES, WRENCH_UNITS, Quantity, has, rgb
+from ur5_twin.views.style import CONTACTS, PUSHES, QUANTITIES, STOPPED, Quantity, has, rgb
 from ur5_twin.views.wrenches import Wrench
 
 SIGNALS = "signals"

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ur5_twin.identification.sensor_result import Found
+from ur5_twin.spatial import WRENCH_AXES
 from ur5_twin.views import paper
-from ur5_twin.views.style import MEASURED, TARGET, TWIN, WRENCH_AXES
+from ur5_twin.views.style import MEASURED, TARGET, TWIN
 
 _SIZE = (13.0, 7.0)
 _IMU_AXES = tuple(f"{what} {axis}" for what in ("acceleration, m/s^2:", "rate of turn, rad/s:") for axis in "xyz")

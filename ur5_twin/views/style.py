@@ -27,8 +27,6 @@ STOPPED = "#c62f2f"
 #: Estimators, in the order in which they are met.
 ESTIMATES = (TWIN, TWIN_TOO, "#d4526e", "#7a5c3e")
 
-WRENCH_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-WRENCH_UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 #: Below this a force is noise, model error or the weight of a cable, N; no arrow is drawn.
 LEAST_FORCE = 3.0
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ur5_twin.evaluation.benchmark.leaderboard import LEVER
-from ur5_twin.evaluation.estimate_report import AXES
 from ur5_twin.evaluation.reporting import short_number
 from ur5_twin.evaluation.tables import markdown
+from ur5_twin.spatial import WRENCH_AXES, WRENCH_UNITS
 
 #: What 90 % intervals shall cover, and what is marked where they do not.
 _COVERED = (0.85, 0.95)
@@ -71,7 +71,7 @@ def _level(level: str, found: dict[str, Any], source: str, microseconds: dict[st
                 f"{microseconds[name]:.0f}" if name in microseconds else "-",
             )
         )
-    head = ("estimator", "error N", *(f"{axis} {'N' if axis[0] == 'F' else 'Nm'}" for axis in AXES))
+    head = ("estimator", "error N", *(f"{axis} {unit}" for axis, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)))
     head += ("found", "missed", "delay ms, median / 95 %", "false alarms an hour", "us a sample, here")
     regimes, scenarios = (list(of[order[0]][key]) for key in ("regimes", "scenarios"))
     covered = f"; within {_COVERED[0]:.0%} to {_COVERED[1]:.0%} is as it should be"
@@ -117,7 +117,7 @@ def _number(value: float | None) -> str:
 
 
 def _numbers(values: Sequence[float] | None) -> list[str]:
-    return ["-"] * len(AXES) if values is None else [short_number(value) for value in values]
+    return ["-"] * len(WRENCH_AXES) if values is None else [short_number(value) for value in values]
 
 
 def _pair(mae: Sequence[float] | None) -> str:
