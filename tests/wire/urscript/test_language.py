@@ -335,8 +335,30 @@ def test_arithmetic_is_pythons(case: tuple[str, float]) -> None:
 
 
 _WORDS = st.sampled_from(
-    "def f ( ) : end if while True x = 1 + [ ] , p[ 1,2 return run kill thread global not and . norm ; elif".split()
-    + ["\n", '"', "#"]
+    [
+        *(
+            "def",
+            "f",
+            "(",
+            ")",
+            ":",
+            "end",
+            "if",
+            "while",
+            "True",
+            "x",
+            "=",
+            "1",
+            "+",
+            "[",
+            "]",
+            ",",
+            "p[",
+            "1,2",
+            "return",
+        ),
+        *("run", "kill", "thread", "global", "not", "and", ".", "norm", ";", "elif", "\n", '"', "#"),
+    ]
 )
 
 
