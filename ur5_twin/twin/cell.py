@@ -247,6 +247,11 @@ class Cell:
                 break
         return pieces
 
+    def stop(self, why: str) -> None:
+        """Make a protective stop at this tick, for a reason of somebody else's."""
+        if self.stop_tick is None:
+            self._stop(f"at {self.tick * self._period:.3f} s {why}")
+
     def release(self) -> None:
         """End a protective stop: from here on targets count again, and the limits.
 
@@ -294,17 +299,20 @@ class Cell:
         """The controller stops the arm, or the simulation has come to its end."""
         said = f"at {self.tick * self._period:.3f} s {self._loop.explain(ending)}"
         if ending.why in _STOPS and self.stop_reason is None:
-            self.stop_reason = f"protective stop {said}"
-            self.stop_tick = self.tick
-            self._halt = _halting(self.target, self._period)
-            self._loop.with_limits(Limits(deviation=_OVERPOWERED))
+            self._stop(said)
         elif ending.why == kernel.DEVIATION:
             self.failure = (
-                f"at {self.tick * self._period:.3f} s something overpowers the stopped arm: joint {ending.joint + 1} is "
-                f"pushed {_OVERPOWERED:g} rad away ({self.stop_reason})"
+                f"at {self.tick * self._period:.3f} s something overpowers the stopped arm: joint {ending.joint + 1} "
+                f"is pushed {_OVERPOWERED:g} rad away ({self.stop_reason})"
             )
         else:
             self.failure = said
+
+    def _stop(self, said: str) -> None:
+        self.stop_reason = f"protective stop {said}"
+        self.stop_tick = self.tick
+        self._halt = _halting(self.target, self._period)
+        self._loop.with_limits(Limits(deviation=_OVERPOWERED))
 
     def _until_next_change(self, n: int) -> int:
         ahead = [tick - self.tick for tick in self._changes if tick > self.tick]

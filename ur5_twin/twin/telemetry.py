@@ -55,7 +55,7 @@ class Telemetry:
         """
         trace, every = piece.trace, piece.steps
         signals = Signals(trace.time, trace.q, trace.qd, trace.qdd, trace.current, trace.tool_wrench)
-        measured = self._measuring.robot(signals, piece.first_tick)
+        measured = self._measuring.robot(signals, piece.first_tick, every)
         robot = measured | self._controller_signals(piece, measured)
         robot |= {
             "truth_q": trace.q[::every],
