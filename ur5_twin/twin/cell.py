@@ -255,6 +255,8 @@ class Cell:
     def release(self) -> None:
         """End a protective stop: from here on targets count again, and the limits.
 
+        The target is where the arm is: what it presses on, it no longer presses on.
+
         Raises:
             SimulationError: the arm still brakes.
         """
@@ -263,6 +265,7 @@ class Cell:
         if self.target[1:].any():
             raise SimulationError(f"the arm still brakes ({self.stop_reason})")
         self.stop_reason, self.stop_tick, self._halt = None, None, None
+        self.target = np.stack([self._loop.relax(), np.zeros(6), np.zeros(6)])
         self._loop.with_limits(self.setup.limits)
 
     def tell(self, controller: ArmModel) -> None:
