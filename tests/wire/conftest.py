@@ -1,0 +1,116 @@
+"""A controller without a robot: its joints swing, what is written to it is kept."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+
+from ur5_twin.errors import WireError
+from ur5_twin.wire.server import Server
+from ur5_twin.wire.state import State, Value
+from ur5_twin.wire.version import version
+
+T = TypeVar("T")
+
+
+class SwingingController:
+    """As ``VirtualController`` to the ports; its signals are sines of its tick."""
+
+    def __init__(self, series: str = "5.x", moving: bool = True) -> None:
+        self.version = version(series)
+        self.failure: str | None = None
+        self.messages: deque[Any] = deque(maxlen=100)
+        self.written: list[tuple[str, Value]] = []
+        self.scripts: list[str] = []
+        self.asked: list[Any] = []
+        self.moving = moving
+        self.extra: dict[str, Value] = {}
+        self.paused = threading.Event()
+        self._actions: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        self._tick = 0
+        self.state = self._next()
+
+    def _next(self) -> State:
+        time = 100.0 + self._tick * self.version.period
+        phase = np.arange(6) + time
+        signals: dict[str, Value] = {
+            "timestamp": time,
+            "actual_q": np.sin(phase),
+            "actual_qd": np.cos(phase),
+            "target_q": np.sin(phase) + 1e-3,
+            "actual_TCP_pose": 0.1 * np.cos(phase),
+            "joint_mode": np.full(6, 253),
+            "robot_mode": 7,
+            "safety_mode": 1,
+            "safety_status": 1,
+            "safety_status_bits": 1,
+            "robot_status_bits": 3,
+            "runtime_state": 2,
+            "speed_scaling": 1.0,
+            "output_int_register_3": -7,
+            **self.extra,
+        }
+        return State(self._tick, time, signals, self.moving)
+
+    def tick(self) -> State:
+        while self._actions:
+            action, future = self._actions.popleft()
+            try:
+                future.set_result(action())
+            except Exception as error:
+                future.set_exception(error)
+        self._tick += 1
+        self.state = self._next()
+        return self.state
+
+    def post(self, action: Callable[[], T]) -> Future[T]:
+        if len(self._actions) >= 1000:
+            raise WireError("too many actions wait")
+        future: Future[T] = Future()
+        self._actions.append((action, future))
+        return future
+
+    def write_input(self, name: str, value: Value) -> None:
+        self.written.append((name, value))
+
+    def run_script(self, text: str) -> None:
+        self.scripts.append(text)
+
+
+@pytest.fixture
+def controller() -> SwingingController:
+    return SwingingController()
+
+
+@pytest.fixture
+def swinging() -> type[SwingingController]:
+    """The class, for tests that need another version."""
+    return SwingingController
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., Server]]:
+    """Start a server at free ports of 127.0.0.1; it is stopped after the test, and must leave no thread behind."""
+    running: list[Server] = []
+    before = set(threading.enumerate())
+
+    def start(controller: Any, **options: Any) -> Server:
+        from ur5_twin.wire.server import port_names
+
+        options.setdefault("ports", dict.fromkeys(port_names(controller.version), 0))
+        server = Server(controller, **options)
+        server.start()
+        running.append(server)
+        return server
+
+    yield start
+    for server in running:
+        server.stop()
+    left = [thread for thread in set(threading.enumerate()) - before if thread.name.startswith("ur5-twin")]
+    assert not left
