@@ -88,6 +88,13 @@ def test_version_2_streams_what_the_controller_publishes(controller, serve: Serv
         assert client.ask("P") == b"\x01"
 
 
+def test_a_list_of_names_may_end_with_a_comma(controller, serve: Serve) -> None:
+    with Rtde(serve(controller)) as client:
+        # As ur_rtde does it.
+        assert client.outputs("timestamp,actual_q,") == b"\x01DOUBLE,VECTOR6D"
+        assert client.outputs("timestamp,,actual_q") == b"\x00DOUBLE,NOT_FOUND,VECTOR6D"
+
+
 def test_version_1_has_one_recipe_and_no_number(controller, serve: Serve) -> None:
     with Rtde(serve(controller), protocol=1) as client:
         assert client.ask("O", b"actual_q") == b"VECTOR6D"

@@ -332,4 +332,5 @@ class RtdePort(TcpPort[RtdeClient]):
 
 
 def _names(data: bytes) -> list[str]:
-    return [name.strip() for name in data.decode("ascii", "replace").rstrip("\x00").split(",")]
+    """The names of a recipe; ur_rtde ends its list with a comma."""
+    return [name.strip() for name in data.decode("ascii", "replace").rstrip("\x00, ").split(",")]
