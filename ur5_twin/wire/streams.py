@@ -101,7 +101,7 @@ class Client(asyncio.Protocol):
         """
 
     def ended(self, *, by_client: bool) -> None:
-        """The connection is gone; ``by_client``: it closed it properly, after all it had to say."""
+        """The connection is gone; ``by_client``: not because of us."""
 
     # What they use.
 
@@ -193,7 +193,8 @@ class Client(asyncio.Protocol):
             return
         self._transport = None
         self.port.forget(self)
-        self.ended(by_client=exc is None and not self._dropped_by_us)
+        # Who closes without having read all resets the connection; that is no less an end.
+        self.ended(by_client=not self._dropped_by_us)
 
     def pause_writing(self) -> None:
         self._full = True
@@ -231,7 +232,7 @@ class TcpPort(Generic[C]):
     """
 
     #: The name that ``--ports`` uses.
-    name: ClassVar[str] = "port"
+    name: str = "port"
     #: Whether a client is still read from while it does not take what is sent to it: what comes in asks for no answer.
     reads_while_full: ClassVar[bool] = True
 
