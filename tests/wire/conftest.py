@@ -30,6 +30,7 @@ class SwingingController:
         self.scripts: list[str] = []
         self.asked: list[Any] = []
         self.moving = moving
+        self.program_name = "swing.urp"
         self.extra: dict[str, Value] = {}
         self.paused = threading.Event()
         self._actions: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
@@ -75,6 +76,44 @@ class SwingingController:
         future: Future[T] = Future()
         self._actions.append((action, future))
         return future
+
+    def _do(self, what: str, **changes: Value) -> None:
+        self.asked.append(what)
+        self.extra.update(changes)
+
+    def power_on(self) -> None:
+        self._do("power on", robot_mode=5)
+
+    def power_off(self) -> None:
+        self._do("power off", robot_mode=3, runtime_state=1)
+
+    def brake_release(self) -> None:
+        self._do("brake release", robot_mode=7)
+
+    def play(self) -> None:
+        if self.extra.get("robot_mode", 7) != 7:
+            raise WireError("the arm has no power")
+        self._do("play", runtime_state=2)
+
+    def pause(self) -> None:
+        self._do("pause", runtime_state=4)
+
+    def stop(self) -> None:
+        self._do("stop", runtime_state=1)
+
+    def unlock_protective_stop(self) -> None:
+        raise WireError("five seconds have not gone by")
+
+    def close_safety_popup(self) -> None:
+        self._do("close safety popup")
+
+    def restart_safety(self) -> None:
+        self._do("restart safety")
+
+    def load(self, name: str) -> None:
+        if name != "swing.urp":
+            raise WireError("there is none")
+        self._do("load")
 
     def write_input(self, name: str, value: Value) -> None:
         self.written.append((name, value))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 
 from ur5_twin.errors import TwinError, WireError, unknown
+from ur5_twin.wire.dashboard import DashboardPort
 from ur5_twin.wire.realtime import RealtimePort
 from ur5_twin.wire.rtde import RtdePort
 from ur5_twin.wire.state import State
@@ -40,6 +41,7 @@ _CLOSING = 5.0
 
 #: Ports by name, with the robot's number, in the order they are shown.
 NUMBERS = {
+    "dashboard": 29999,
     "rtde": 30004,
     "realtime": 30003,
     "realtime_readonly": 30013,
@@ -311,6 +313,8 @@ def port_names(version: Version) -> list[str]:
 
 def _port(controller: VirtualController, name: str, bind: str, number: int, late: bool) -> Port:
     match name:
+        case "dashboard":
+            return DashboardPort(controller, bind, number)
         case "rtde":
             return RtdePort(controller, bind, number)
         case "realtime" | "realtime_readonly":
