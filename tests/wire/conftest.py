@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,16 @@ from ur5_twin.wire.state import State, Value
 from ur5_twin.wire.version import version
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Said:
+    """As the controller's own messages."""
+
+    kind: str
+    text: str
+    timestamp: float
+    number: int
 
 
 class SwingingController:
@@ -117,6 +128,9 @@ class SwingingController:
 
     def write_input(self, name: str, value: Value) -> None:
         self.written.append((name, value))
+
+    def say(self, kind: str, text: str) -> None:
+        self.messages.append(Said(kind, text, self.state.timestamp, len(self.messages)))
 
     def run_script(self, text: str) -> None:
         self.scripts.append(text)

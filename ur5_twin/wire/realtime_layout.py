@@ -132,7 +132,8 @@ def encode(size: int, signals: Mapping[str, Value]) -> bytes:
             place = (field.offset - HEADER) // 8
             values[place : place + field.width] = value
     if size < _THIRD and size > 756:
-        values[(756 - HEADER) // 8] = _old_mode(signals)
+        safety, mode = _whole(signals.get("safety_mode", 1)), _whole(signals.get("robot_mode", 0))
+        values[(756 - HEADER) // 8] = old_mode(mode, safety)
     return _SIZE.pack(size) + values.tobytes()
 
 
@@ -174,9 +175,9 @@ def size_of(data: bytes) -> int:
     return size
 
 
-def _old_mode(signals: Mapping[str, Value]) -> int:
-    stop = _OLD_STOPS.get(_whole(signals.get("safety_mode", 1)))
-    return _OLD_MODES.get(_whole(signals.get("robot_mode", 0)), 8) if stop is None else stop
+def old_mode(robot_mode: int, safety_mode: int) -> int:
+    """The robot mode of the 1.x series for the modes of later ones."""
+    return _OLD_STOPS.get(safety_mode, _OLD_MODES.get(robot_mode, 8))
 
 
 def _whole(value: Value) -> int:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ur5_twin.errors import TwinError, WireError, unknown
 from ur5_twin.wire.dashboard import DashboardPort
+from ur5_twin.wire.primary import PrimaryPort
 from ur5_twin.wire.realtime import RealtimePort
 from ur5_twin.wire.rtde import RtdePort
 from ur5_twin.wire.state import State
@@ -42,8 +43,10 @@ _CLOSING = 5.0
 #: Ports by name, with the robot's number, in the order they are shown.
 NUMBERS = {
     "dashboard": 29999,
-    "rtde": 30004,
+    "primary": 30001,
+    "secondary": 30002,
     "realtime": 30003,
+    "rtde": 30004,
     "realtime_readonly": 30013,
 }
 
@@ -315,6 +318,8 @@ def _port(controller: VirtualController, name: str, bind: str, number: int, late
     match name:
         case "dashboard":
             return DashboardPort(controller, bind, number)
+        case "primary" | "secondary":
+            return PrimaryPort(controller, bind, number, secondary=name == "secondary")
         case "rtde":
             return RtdePort(controller, bind, number)
         case "realtime" | "realtime_readonly":
