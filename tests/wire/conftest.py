@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -41,7 +42,8 @@ class SwingingController:
         self.scripts: list[str] = []
         self.asked: list[Any] = []
         self.moving = moving
-        self.program_name = "swing.urp"
+        self.scenario = SimpleNamespace(name="swing")
+        self.operational_mode = "NONE"
         self.extra: dict[str, Value] = {}
         self.paused = threading.Event()
         self._actions: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
@@ -115,16 +117,11 @@ class SwingingController:
     def unlock_protective_stop(self) -> None:
         raise WireError("five seconds have not gone by")
 
-    def close_safety_popup(self) -> None:
-        self._do("close safety popup")
+    def close_popup(self) -> None:
+        self._do("close popup")
 
     def restart_safety(self) -> None:
         self._do("restart safety")
-
-    def load(self, name: str) -> None:
-        if name != "swing.urp":
-            raise WireError("there is none")
-        self._do("load")
 
     def write_input(self, name: str, value: Value) -> None:
         self.written.append((name, value))

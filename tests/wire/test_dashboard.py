@@ -52,7 +52,7 @@ def test_the_banner_comes_first(dashboard: Dashboard) -> None:
         ("running", "Program running: true"),
         ("programState", "PLAYING swing.urp"),
         ("isProgramSaved", "true swing.urp"),
-        ("get loaded program", "Loaded program: swing.urp"),
+        ("get loaded program", "Loaded program: /programs/swing.urp"),
         ("PolyscopeVersion", "URSoftware 5.25.1.0 (virtual controller of ur5-twin)"),
         ("version", "5.25.1.0"),
         ("get robot model", "UR5"),
@@ -100,6 +100,18 @@ def test_what_is_asked_next_sees_what_was_done(dashboard: Dashboard) -> None:
         assert dashboard.ask("running") == "Program running: true"
         assert dashboard.ask("stop") == "Stopped"
         assert dashboard.ask("programState") == "STOPPED swing.urp"
+
+
+def test_the_operational_mode_is_the_controllers(controller, dashboard: Dashboard) -> None:
+    dashboard.ask("set operational mode automatic")
+    assert controller.operational_mode == dashboard.ask("get operational mode") == "AUTOMATIC"
+    dashboard.ask("clear operational mode")
+    assert controller.operational_mode == dashboard.ask("get operational mode") == "NONE"
+
+
+def test_a_popup_is_a_message(controller, dashboard: Dashboard) -> None:
+    dashboard.ask("popup mind the arm")
+    assert [(said.kind, said.text) for said in controller.messages] == [("popup", "mind the arm")]
 
 
 def test_what_the_controller_refuses(dashboard: Dashboard) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ur5_twin.errors import WireError
@@ -163,7 +164,8 @@ class DashboardPort(TcpPort[DashboardClient]):
     def __init__(self, controller: VirtualController, bind: str = "127.0.0.1", number: int = 29999) -> None:
         super().__init__(controller, bind, number)
         self._role = "PROGRAMMER"
-        self._mode = "NONE"
+        #: The only program there is: the scenario's own motion.
+        self.program = f"/programs/{controller.scenario.name}.urp"
         self._published: asyncio.Future[None] | None = None
 
     def publish(self, state: State) -> None:
@@ -205,20 +207,28 @@ class DashboardPort(TcpPort[DashboardClient]):
                 return await act(robot.brake_release, "Brake releasing")
             case "unlock protective stop":
                 return await act(robot.unlock_protective_stop, "Protective stop releasing")
+            case "popup":
+                return await act(lambda: robot.say("popup", about), "showing popup")
+            case "close popup":
+                return await act(robot.close_popup, "closing popup")
             case "close safety popup":
-                return await act(robot.close_safety_popup, "closing safety popup")
+                return await act(robot.close_popup, "closing safety popup")
             case "restart safety":
                 return await act(robot.restart_safety, "Restarting safety")
             case "load":
-                return await act(lambda: robot.load(about), f"Loading program: {about}")
+                if about not in (self.program, PurePosixPath(self.program).name):
+                    raise WireError(f"there is no program but {self.program}")
+                return f"Loading program: {about}"
             case "shutdown":
                 # The arm loses its power as with a robot; the ports are the operator's to close.
                 return await act(robot.power_off, "Shutting down")
+            case "set operational mode" if about.upper() not in ("MANUAL", "AUTOMATIC"):
+                return f"Failed setting operational mode: {about}"
             case "set operational mode":
-                return await self._set_mode(about.upper())
+                return await act(lambda: self._set_mode(about.upper()), f"Operational mode {about.upper()} is set")
             case "clear operational mode":
-                self._mode = "NONE"
-                return f"No longer controlling the operational mode. Current operational mode: {self._mode}."
+                said = "No longer controlling the operational mode. Current operational mode: NONE."
+                return await act(lambda: self._set_mode("NONE"), said)
             case "setUserRole":
                 self._role = about.upper() or self._role
                 return f"Setting user role: {about}"
@@ -227,7 +237,7 @@ class DashboardPort(TcpPort[DashboardClient]):
     def _tell(self, name: str, about: str) -> str:
         """Answers that need nothing but the newest state."""
         version = self.controller.version
-        program = self.controller.program_name
+        program = PurePosixPath(self.program).name
         state = _PROGRAM_STATES.get(self._signal("runtime_state"), "STOPPED")
         answers: dict[str, Callable[[], str]] = {
             "running": lambda: (
@@ -238,23 +248,21 @@ class DashboardPort(TcpPort[DashboardClient]):
             "robotmode": lambda: f"Robotmode: {ROBOT_MODES.get(self._signal('robot_mode'), 'NO_CONTROLLER')}",
             "safetymode": lambda: f"Safetymode: {SAFETY.get(self._signal('safety_mode'), SAFETY[11])}",
             "safetystatus": lambda: f"Safetystatus: {SAFETY.get(self._signal('safety_status'), SAFETY[11])}",
-            "get loaded program": lambda: f"Loaded program: {program}" if program else "No program loaded",
+            "get loaded program": lambda: f"Loaded program: {self.program}",
             "isProgramSaved": lambda: f"true {program}",
-            "programState": lambda: f"{state} {program}".rstrip(),
+            "programState": lambda: f"{state} {program}",
             "PolyscopeVersion": lambda: f"URSoftware {version}.{version.build} (virtual controller of ur5-twin)",
             "version": lambda: f"{version}.{version.build}",
-            "popup": lambda: "showing popup",
-            "close popup": lambda: "closing popup",
             "addToLog": lambda: "Added log message",
             "load installation": lambda: f"Loading installation: {about}",
             "getUserRole": lambda: self._role,
-            "get operational mode": lambda: self._mode,
+            "get operational mode": lambda: self.controller.operational_mode,
             "is in remote control": lambda: "true",
             "get serial number": lambda: SERIAL_NUMBER,
             "get robot model": lambda: ROBOT_MODEL,
             "quit": lambda: "Disconnected",
         }
-        if name in ("popup", "addToLog"):
+        if name == "addToLog":
             log.info("dashboard: %s: %s", name, about)
         return answers[name]()
 
@@ -266,11 +274,8 @@ class DashboardPort(TcpPort[DashboardClient]):
         await asyncio.wait([published], timeout=_PUBLISHED)
         return said or done
 
-    async def _set_mode(self, mode: str) -> str:
-        if mode not in ("MANUAL", "AUTOMATIC"):
-            return f"Failed setting operational mode: {mode.lower()}"
-        self._mode = mode
-        return f"Operational mode {mode} is set"
+    def _set_mode(self, mode: str) -> None:
+        self.controller.operational_mode = mode
 
     def _signal(self, name: str) -> int:
         value = self.state.signals.get(name, 0)

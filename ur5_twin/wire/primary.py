@@ -12,8 +12,7 @@ from ur5_twin.wire.state import State
 from ur5_twin.wire.streams import TcpPort
 
 if TYPE_CHECKING:
-    from ur5_twin.wire.controller import VirtualController
-    from ur5_twin.wire.messages import Message
+    from ur5_twin.wire.controller import Message, VirtualController
 
 #: States a second.
 _RATE = 10.0
