@@ -39,7 +39,7 @@ from ur5_twin.views import paper
 from ur5_twin.views.style import ESTIMATES
 
 #: The three best of ``ur5-twin benchmark`` at level large.
-BEST = ("friction_kalman", "friction_kalman_lasting", "disturbance_kalman")
+BEST = ("friction_kalman", "disturbance_kalman", "recursive_least_squares")
 #: Seeds that no suite has.
 FIRST_SEED = 100_000
 #: The step: N, s; and how far apart they begin, s. The motion takes some 53 s.
