@@ -6,8 +6,9 @@
 LOGS is a folder with one folder per movement. Each of the five free logs is estimated with a current map of the other
 four, so that drives, ripple and noise are real and unknown, while the pushes (any direction, seeded) are known exactly:
 actual_current - slope J' w. Three kinds: up to 40 N and 2 s at the flange by hand; up to 60 N and 6 s of one who leans;
-up to 60 N and 4 s at up to 0.25 m from the flange along each axis, as on the forearm. Prints, for each setting of the
-filter, error, coverage and what saying nothing would cost; with no setting given those of models/estimators.toml. At
+up to 60 N and 4 s at up to 0.25 m from the flange along each axis, as on the forearm. Prints error,
+coverage and what saying nothing would cost with the settings of models/estimators.toml, and with each value given in
+place of one of them. At
 rest these pushes do not turn the joints' friction round, as a real one does: for that there is only the twin. No log
 with a force sensor takes part.
 """
@@ -17,7 +18,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -147,13 +147,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", type=Path, help="a folder with one folder per movement")
     spec = load_nominal().settings.friction_kalman
+    shipped = {key: getattr(spec, key) for key in KEYS}
     for key, option in KEYS.items():
-        parser.add_argument(f"--{option}", type=float, nargs="+", default=[getattr(spec, key)], help=key)
+        parser.add_argument(f"--{option}", type=float, nargs="+", default=[], help=key)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     cases = prepared(options.logs, options.seed)
-    tried = product(*(getattr(options, option) for option in KEYS.values()))
-    settings = [dict(zip(KEYS, values, strict=True)) for values in tried]
+    others = [{**shipped, key: value} for key, option in KEYS.items() for value in getattr(options, option)]
+    settings = [shipped, *others]
     rows = [judged(cases, kind, setting) for kind in PUSHES for setting in settings]
     head = (
         "pushes",
