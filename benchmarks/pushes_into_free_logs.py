@@ -6,11 +6,10 @@
 LOGS is a folder with one folder per movement. Each of the five free logs is estimated with a current map of the other
 four, so that drives, ripple and noise are real and unknown, while the pushes (any direction, seeded) are known exactly:
 actual_current - slope J' w. Three kinds: up to 40 N and 2 s at the flange by hand; up to 60 N and 6 s of one who leans;
-up to 60 N and 4 s at up to 0.25 m from the flange along each axis, as on the forearm. Prints error,
-coverage and what saying nothing would cost with the settings of models/estimators.toml, and with each value given in
-place of one of them. At
-rest these pushes do not turn the joints' friction round, as a real one does: for that there is only the twin. No log
-with a force sensor takes part.
+up to 60 N and 4 s at up to 0.25 m from the flange along each axis, as on the forearm. Prints error, coverage and what
+saying nothing would cost with the settings of models/estimators.toml, and with each value given in place of one.
+At rest these pushes do not turn the friction of joints round, as a real one does: for that there is only the twin. No
+log with a force sensor takes part.
 """
 
 from __future__ import annotations
