@@ -28,7 +28,7 @@ def log(lab_logs: Path) -> Recording:
 
 def tried(fit: CurrentMap) -> CurrentMap:
     """The map with made-up errors, each number another."""
-    return replace(fit, residuals=tuple(Residual(*(0.1 * j + 0.01 * i for i in range(8))) for j in range(1, 7)))
+    return replace(fit, residuals=tuple(Residual(*(0.1 * j + 0.01 * i for i in range(9))) for j in range(1, 7)))
 
 
 def test_a_map_that_was_tried_on_no_log_is_not_written(log: Recording) -> None:

@@ -193,6 +193,7 @@ class JointCurrentSpec(Strict, frozen=True):
     standard_errors: tuple[NonNegative, ...]
     error_moving: CurrentErrorSpec
     error_at_rest: CurrentErrorSpec
+    turned_a: Positive
 
 
 class CurrentMapSpec(Strict, frozen=True):

@@ -73,6 +73,9 @@ class Shape(NamedTuple):
 #: A joint sticks with what it stopped with: for SETTLING s after a stop the slow part of the error forgets in
 #: SETTLING_TIME s.
 SETTLING, SETTLING_TIME = 0.1, 0.05
+#: Way on which a resting joint's friction forgets itself and takes up the level that opposes the way, rad. The free
+#: logs of the lab's arm are the likelier the longer it is, up to here; beyond, hardly.
+TURNING = 1e-4
 
 
 class Residual(NamedTuple):
@@ -81,6 +84,8 @@ class Residual(NamedTuple):
     Attributes:
         slow, slow_time, fast, fast_time: of the two parts of the error while the joint moves.
         rest_slow, rest_slow_time, rest_fast, rest_fast_time: while it rests.
+        turned: level of a resting joint's friction behind a displacement, A; both the mean and the spread of what it
+            turns to.
     """
 
     slow: float
@@ -91,6 +96,7 @@ class Residual(NamedTuple):
     rest_slow_time: float
     rest_fast: float
     rest_fast_time: float
+    turned: float
 
 
 @dataclass(frozen=True)
@@ -191,13 +197,14 @@ def load_current_map(name: str | Path = "lab") -> CurrentMap:
         shapes=tuple(shapes),
         coefficients=tuple(np.array(joint.coefficients) for joint in spec.joint),
         errors=tuple(np.array(joint.standard_errors) for joint in spec.joint),
-        residuals=tuple(_residual(joint.error_moving, joint.error_at_rest) for joint in spec.joint),
+        residuals=tuple(_residual(joint) for joint in spec.joint),
     )
 
 
-def _residual(moving: files.CurrentErrorSpec, rest: files.CurrentErrorSpec) -> Residual:
-    parts = (moving, rest)
-    return Residual(*(x for part in parts for x in (part.slow_a, part.slow_s, part.fast_a, part.fast_s)))
+def _residual(joint: files.JointCurrentSpec) -> Residual:
+    parts = (joint.error_moving, joint.error_at_rest)
+    numbers = [x for part in parts for x in (part.slow_a, part.slow_s, part.fast_a, part.fast_s)]
+    return Residual._make([*numbers, joint.turned_a])
 
 
 def load_drive_map(name: str | Path) -> CurrentMap | LinearDrive:
@@ -226,7 +233,7 @@ def table(of: CurrentMap) -> dict[str, object]:
     for shape, found, errors, residual in zip(of.shapes, of.coefficients, of.errors, of.residuals, strict=True):
         parts = [
             dict(zip(("slow_a", "slow_s", "fast_a", "fast_s"), (float(f"{x:.3g}") for x in part), strict=True))
-            for part in (residual[:4], residual[4:])
+            for part in (residual[:4], residual[4:8])
         ]
         joints.append(
             {
@@ -245,6 +252,7 @@ def table(of: CurrentMap) -> dict[str, object]:
                 "standard_errors": [float(f"{x:.2g}") for x in errors],
                 "error_moving": parts[0],
                 "error_at_rest": parts[1],
+                "turned_a": float(f"{residual.turned:.3g}"),
             }
         )
     assert len(joints) == N_JOINTS

@@ -30,7 +30,6 @@ BUILT_IN: Mapping[str, str] = {
     "adaptive_observer": "adaptive_observer:AdaptiveObserver",
     "accelerometer_aided": "accelerometer_aided:AccelerometerAided",
     "friction_kalman": "friction_kalman:FrictionKalman",
-    "friction_kalman_lasting": "friction_kalman:FrictionKalmanLasting",
 }
 #: Methods that need the whole log before they say anything about its beginning. They are no estimators.
 NOT_CAUSAL: Mapping[str, str] = {

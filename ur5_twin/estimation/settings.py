@@ -90,9 +90,8 @@ class FrictionKalmanSpec(Strict, frozen=True):
     force_n: Positive
     moment_nm: Positive
     push_s: Positive
-    lasting_force_n: NonNegative
-    lasting_moment_nm: NonNegative
-    lasting_s: Positive
+    doubt: Positive
+    turned: Positive
     prior_contact: _Share
 
 
@@ -127,7 +126,6 @@ class Settings(Strict, frozen=True):
     adaptive_observer: AdaptiveSpec
     accelerometer_aided: AccelerometerSpec
     friction_kalman: FrictionKalmanSpec
-    friction_kalman_lasting: FrictionKalmanSpec
     detection: DetectionSpec
     localisation: LocalisationSpec
 
