@@ -31,9 +31,14 @@ class Device(Protocol):
         lost: rows that it is known to have sent and that did not come.
     """
 
-    name: str
-    columns: Mapping[str, int]
-    lost: int
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def columns(self) -> Mapping[str, int]: ...
+
+    @property
+    def lost(self) -> int: ...
 
     def start(self) -> None:
         """Connect.

@@ -38,8 +38,8 @@ class RtdeSource:
     """A robot with RTDE: CB3 from 3.3 on at 125 Hz, the e-Series at 500 Hz. It only reads.
 
     ur_rtde takes in packages in a thread of its own and keeps the newest; if several wait it drops the older ones, as
-    it is made to. A row is read between two equal stamps, so that it is one tick's, and each stamp gives one row. What was
-    dropped shows in the stamps and is counted by who keeps the clock (``live.clock``).
+    it is made to. A row is read between two equal stamps, so that it is one tick's, and each stamp gives one row. What
+    was dropped shows in the stamps and is counted by who keeps the clock (``live.clock``).
 
     Args:
         host: name or address; the port is RTDE's own, 30004.

@@ -113,7 +113,7 @@ def new_blueprint(
     obstacles: Sequence[Obstacle] = (),
     last: float | None = None,
 ) -> rr.blueprint.Blueprint:
-    """The layout of the viewer's window: plots, their lines and limits, for a whole recording or its ``last`` seconds."""
+    """The layout of the viewer's window: plots and their lines, of a whole recording or its ``last`` seconds."""
     need_rerun()
     from ur5_twin.views import rerun_plots as plots
 
