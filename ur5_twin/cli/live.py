@@ -72,7 +72,7 @@ def live(
     """Run the twin and force estimators beside a robot; it is only listened to, never moved."""
     from ur5_twin.estimation.nominal import load_nominal
     from ur5_twin.estimation.registry import create
-    from ur5_twin.live.follow import Follower
+    from ur5_twin.live.follow import Follower, warm_up
     from ur5_twin.live.session import beats
     from ur5_twin.recording import read, write_parquet
     from ur5_twin.recording.journal import JOURNAL_FILE, Journal
@@ -86,6 +86,10 @@ def live(
     estimators = {_short(name): create(name, nominal) for name in estimator or ["friction_kalman"]}
     twin = _twin(nominal, model, tool, payload, joints)
     folder = out if out is not None else Path("out") / time.strftime("live-%Y%m%d-%H%M%S")
+    if rerun or save is not None or connect is not None:
+        pass  # takes a second, in which the robot would wait
+    warm_up(twin, estimators)
+    estimators = {_short(name): create(name, nominal) for name in estimator or ["friction_kalman"]}
     robot = _robot(host, port)
     try:
         with Journal(folder / JOURNAL_FILE, source=f"live-{host}") as journal, _stopping() as stopped:

@@ -162,3 +162,13 @@ class Follower:
             "sim_moment": said.moment,
             "sim_actual_current": unknown if said.current is None else said.current,
         }
+
+
+def warm_up(settings: ReplaySettings, estimators: Mapping[str, Estimator]) -> None:
+    """Have everything compiled before the first row comes; the estimators are used up by it."""
+    columns: dict[str, int] = dict.fromkeys((*NEEDED, "target_moment", "target_current"), 6)
+    follower = Follower(columns, settings, estimators)
+    q = np.array([0.1, -1.4, 1.3, -1.2, -1.5, 0.2])
+    for k in range(5):
+        row = {name: np.zeros(6) for name in columns} | {"target_q": q, "actual_q": q}
+        follower.take(Row(100.0 + 0.008 * k, 100.0 + 0.008 * k, row))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
@@ -32,22 +35,26 @@ _GETTERS = {
 _LOOK, _SILENCE = 0.0003, 1.0
 #: Looks until a row is whole: ur_rtde may take in the next package between two getters.
 _TRIES = 5
+#: Rows that wait to be taken; more are lost.
+_WAITING = 20_000
+#: The thread that looks must get the interpreter within a fraction of a tick, s; Python's own 5 ms are two ticks.
+_SWITCH = 0.0003
 
 
 class RtdeSource:
     """A robot with RTDE: CB3 from 3.3 on at 125 Hz, the e-Series at 500 Hz. It only reads.
 
     ur_rtde takes in packages in a thread of its own and keeps the newest; if several wait it drops the older ones, as
-    it is made to. A row is read between two equal stamps, so that it is one tick's, and each stamp gives one row. What
-    was dropped shows in the stamps and is counted by who keeps the clock (``live.clock``).
+    it is made to. A thread of ours looks at the stamp three thousand times a second and copies each new row, whatever
+    the rest of the program does. A row is read between two equal stamps, so that it is one tick's. What was dropped
+    shows in the stamps and is counted by who keeps the clock (``live.clock``).
 
     Args:
         host: name or address; the port is RTDE's own, 30004.
 
     Attributes:
         name, columns: as of ``device.Device``.
-        lost: 0; see above.
-        torn: rows given up because a package came between the getters each time.
+        lost: rows that were not taken in time, or that a package came into each time they were read.
 
     Raises:
         MissingExtraError: ur_rtde is not installed.
@@ -60,11 +67,12 @@ class RtdeSource:
             raise MissingExtraError("RTDE", "live")
         self.host = host
         self.columns = {name: 3 if name == "actual_tool_accelerometer" else 6 for name in _GETTERS}
-        self.lost = self.torn = 0
+        self.lost = 0
         self._robot: Any = None
-        self._stamp = -np.inf
-        self._since = 0.0
-        self._getters: list[tuple[str, Callable[[], list[float]]]] = []
+        self._rows: deque[Row] = deque()
+        self._came = threading.Event()
+        self._closing = threading.Event()
+        self._reader: threading.Thread | None = None
 
     def start(self) -> None:
         """Connect.
@@ -75,6 +83,7 @@ class RtdeSource:
         from rtde_receive import RTDEReceiveInterface
 
         self.close()
+        sys.setswitchinterval(min(_SWITCH, sys.getswitchinterval()))
         try:
             self._robot = RTDEReceiveInterface(self.host, -1.0, ["timestamp", *_GETTERS])
         except RuntimeError as error:
@@ -82,39 +91,61 @@ class RtdeSource:
                 f"{self.host}, port 30004: no RTDE ({' '.join(str(error).split())}); controllers before 3.3 have only "
                 "the real-time interface (--port realtime)"
             ) from None
-        self._getters = [(name, getattr(self._robot, getter)) for name, getter in _GETTERS.items()]
-        self._stamp, self._since = -np.inf, time.monotonic()
+        self._rows.clear()
+        self._closing.clear()
+        self._reader = threading.Thread(target=self._read, args=(self._robot,), name="rtde", daemon=True)
+        self._reader.start()
 
     def rows(self) -> list[Row]:
-        """The next row, if one comes within some milliseconds (``device.Device``).
+        """What has come since the last call, or comes within some milliseconds (``device.Device``).
 
         Raises:
             WireError: the connection is lost.
         """
-        if self._robot is None:
+        if self._reader is None:
             raise WireError(f"{self.host}: not connected")
-        until = time.monotonic() + 0.005
-        while (stamp := self._robot.getTimestamp()) == self._stamp:
-            now = time.monotonic()
-            if now - self._since > _SILENCE or not self._robot.isConnected():
-                self.close()
-                raise WireError(f"{self.host}: the connection is lost")
-            if now > until:
-                return []
-            time.sleep(_LOOK)
-        for _ in range(_TRIES):
-            columns = {name: np.array(get()) for name, get in self._getters}
-            again = self._robot.getTimestamp()
-            if again == stamp:
-                self._stamp, self._since = stamp, time.monotonic()
-                return [Row(stamp, time.time(), columns)]
-            stamp = again
-        self.torn += 1
-        return []
+        self._came.wait(0.005)
+        self._came.clear()
+        found = [self._rows.popleft() for _ in range(len(self._rows))]
+        if not found and not self._reader.is_alive():
+            self.close()
+            raise WireError(f"{self.host}: the connection is lost")
+        return found
 
     def close(self) -> None:
         """Disconnect."""
+        self._closing.set()
+        if self._reader is not None:
+            self._reader.join(timeout=1.0)
+            self._reader = None
         if self._robot is not None:
             with contextlib.suppress(RuntimeError):
                 self._robot.disconnect()
             self._robot = None
+
+    def _read(self, robot: Any) -> None:
+        """Copy rows until the connection is lost or closed."""
+        getters = [(name, getattr(robot, getter)) for name, getter in _GETTERS.items()]
+        stamp_of: Callable[[], float] = robot.getTimestamp
+        last, since = stamp_of(), time.monotonic()
+        while not self._closing.is_set():
+            stamp = stamp_of()
+            if stamp == last:
+                if time.monotonic() - since > _SILENCE:
+                    return
+                time.sleep(_LOOK)
+                continue
+            for _ in range(_TRIES):
+                columns = {name: np.array(get()) for name, get in getters}
+                again = stamp_of()
+                if again == stamp:
+                    if len(self._rows) < _WAITING:
+                        self._rows.append(Row(stamp, time.time(), columns))
+                    else:
+                        self.lost += 1
+                    break
+                stamp = again
+            else:
+                self.lost += 1
+            last, since = stamp, time.monotonic()
+            self._came.set()
