@@ -191,6 +191,11 @@ io.disconnect(); robot.disconnect()
 
 CONTROL = """
 import math, rtde_control, rtde_receive
+def until(condition):
+    for _ in range(1000):
+        if condition():
+            return
+        time.sleep(0.005)
 robot = rtde_receive.RTDEReceiveInterface(HOST)
 control = rtde_control.RTDEControlInterface(HOST)
 found["running"] = control.isProgramRunning()
@@ -211,27 +216,29 @@ for k in range(50):
     follow[5] = here[5] + 0.05 * (1 - math.cos(math.pi * k / 50))
     control.servoJ(follow, 0, 0, 0.008, 0.05, 500)
     control.waitPeriod(began)
-for k in range(40):
+for k in range(1000):
     began = control.initPeriod()
     control.servoJ(follow, 0, 0, 0.008, 0.05, 500)
     control.waitPeriod(began)
+    if abs(robot.getActualQ()[5] - follow[5]) < 1e-3:
+        break
 found["servoj"] = [robot.getActualQ(), follow]
 control.servoStop()
 control.speedJ([0, 0, 0, 0, 0, 0.5], 4.0, 2.0)
-time.sleep(0.4)
+until(lambda: robot.getTargetQd()[5] > 0.4999)
 found["speedj"] = robot.getTargetQd()
 control.speedStop(10.0)
 control.moveJ(goal, 0.3, 0.5, True)
-time.sleep(0.3)
+until(lambda: max(abs(v) for v in robot.getTargetQd()) > 0.02)
 found["moving"] = max(abs(v) for v in robot.getTargetQd())
 control.stopJ(5.0)
-time.sleep(0.2)
+until(lambda: max(abs(v) for v in robot.getTargetQd()) == 0)
 found["stopped"] = max(abs(v) for v in robot.getTargetQd())
 control.stopScript()
-time.sleep(0.3)
+until(lambda: not control.isProgramRunning())
 found["after stopScript"] = control.isProgramRunning()
 control.reuploadScript()
-time.sleep(0.5)
+until(control.isProgramRunning)
 found["reuploaded"] = [control.isProgramRunning(), control.moveJ(goal, 3.0, 6.0), robot.getActualQ(), goal]
 control.disconnect()
 found["reconnected"] = [control.reconnect(), control.isProgramRunning(), control.moveJ(here, 3.0, 6.0)]
