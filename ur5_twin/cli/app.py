@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.cli import benchmark, estimate, identify
+from ur5_twin.cli import benchmark, estimate, identify, live, serve
 from ur5_twin.cli.common import complete_gains, complete_models, complete_tools, quiet_engine, shipped
 from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
@@ -347,6 +347,8 @@ def model(
 app.add_typer(identify.app, name="identify")
 app.command(epilog=estimate.EXAMPLES)(estimate.estimate)
 app.command(epilog=benchmark.EXAMPLES)(benchmark.benchmark)
+app.command(epilog=live.EXAMPLES)(live.live)
+app.command(epilog=serve.EXAMPLES)(serve.serve)
 
 
 @app.command()

@@ -25,3 +25,23 @@ def commanded(target: np.ndarray) -> np.ndarray:
     held = target.copy()
     held[:, 0] = np.where(idle[:, None], np.where(last[:, None] < 0, q[:1], end[np.maximum(last, 0)]), q)
     return held
+
+
+class Holding:
+    """``commanded`` row by row, for targets that come one at a time."""
+
+    def __init__(self) -> None:
+        self._end: np.ndarray | None = None
+
+    def update(self, target: np.ndarray) -> np.ndarray:
+        """The next target (3, 6) as the servo holds it."""
+        q, qd, qdd = target
+        if self._end is None:
+            self._end = q
+        if not target[1:].any():
+            held = target.copy()
+            held[0] = self._end
+            return held
+        braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
+        self._end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
+        return target

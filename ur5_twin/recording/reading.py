@@ -7,13 +7,14 @@ from pathlib import Path
 
 from ur5_twin.errors import RecordingError
 from ur5_twin.recording import lab_layout
+from ur5_twin.recording.journal import JOURNAL_FILE, MAGIC, read_journal
 from ur5_twin.recording.table import Recording
 
 #: The recording in the output folder of a replay.
 RECORDING_FILE = "recording.parquet"
 _FORMATS = (
     "a folder of the lab's CSV files, a CSV by ur_rtde or record.py, a Parquet file of ours, "
-    "or the output folder of a replay"
+    "a journal of live or record, or the output folder of one of our commands"
 )
 
 
@@ -22,7 +23,8 @@ def read(path: Path | str, *, repair: bool = False) -> Recording:
 
     Args:
         path: the lab's folder of CSV files (the movement or its ``csv_files``), a CSV that ur_rtde or Universal Robots'
-            record.py wrote, a Parquet file of ours, or the output folder of a replay.
+            record.py wrote, a Parquet file of ours, the journal that ``live`` and ``record`` write, or the output
+            folder of one of our commands.
         repair: leave out what is broken, with a note that says so, instead of refusing the log.
 
     Returns:
@@ -57,6 +59,8 @@ def _read_folder(path: Path, repair: bool) -> Recording:
         from ur5_twin.recording.parquet import read_parquet
 
         return read_parquet(path / RECORDING_FILE, repair=repair)
+    if JOURNAL_FILE in names:
+        return read_journal(path / JOURNAL_FILE, repair=repair)
     raise RecordingError(f"{path}: {_why_not_a_log(path, names, lab_names)}; give {_FORMATS}")
 
 
@@ -77,6 +81,8 @@ def _read_file(path: Path, head: bytes, repair: bool) -> Recording:
         from ur5_twin.recording.parquet import read_parquet
 
         return read_parquet(path, repair=repair)
+    if head.startswith(MAGIC):
+        return read_journal(path, repair=repair)
     first = head.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0]
     if path.name in lab_layout.KNOWN_FILES or re.fullmatch(rb"[-+0-9.eE,\s]*\d[-+0-9.eE,\s]*", first):
         raise RecordingError(

@@ -91,7 +91,7 @@ def replay(
             f"{recording.source}: servo replay follows targets, and the log has no "
             f"{', '.join(source.missing_targets)}; use --mode shadow (mode='shadow')"
         )
-    loop = _loop(settings)
+    loop = closed_loop(settings)
     twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
     q, qd, moment, current = (np.empty((len(source), 6)) for _ in range(4))
     for row, sample in enumerate(source):
@@ -152,7 +152,8 @@ def _current(
     )
 
 
-def _loop(settings: ReplaySettings) -> ClosedLoop:
+def closed_loop(settings: ReplaySettings) -> ClosedLoop:
+    """The simulated arm of a replay, or of a live twin."""
     if settings.joints is not None and settings.mode == "servo":
         # As in the lab: the controller knows the payload it was told of, the arm carries what it carries.
         return ClosedLoop(

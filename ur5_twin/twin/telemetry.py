@@ -14,7 +14,7 @@ from ur5_twin.arm.parameters import FT_SENSOR
 from ur5_twin.control.tcp_force import TcpForce
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.sensing import Load, Measuring, SensorSuite, Signals
-from ur5_twin.twin.cell import PERIOD, Piece, Setup, loaded
+from ur5_twin.twin.cell import NOTHING, Payload, Piece, Setup, loaded
 
 #: Values of RTDE's safety_mode.
 NORMAL, PROTECTIVE_STOP = 1.0, 3.0
@@ -32,16 +32,20 @@ class Telemetry:
         geoms: names of the cell's geoms (``Cell.geoms``).
         suite: the sensors.
         rng: of their noise.
+        keep: keep what was reported, for ``recording``; a cell that runs for days does not.
     """
 
-    def __init__(self, setup: Setup, geoms: Sequence[str], suite: SensorSuite, rng: np.random.Generator) -> None:
-        self._setup = setup
-        self._measuring = Measuring(suite, setup.plant, rng, period=PERIOD)
+    def __init__(
+        self, setup: Setup, geoms: Sequence[str], suite: SensorSuite, rng: np.random.Generator, *, keep: bool = True
+    ) -> None:
+        self._setup, self._keep = setup, keep
+        self._measuring = Measuring(suite, setup.plant, rng, period=setup.period)
         self._force = TcpForce(setup.controller)
         self._dynamics = Dynamics(setup.controller)
         names = {geom_name(obstacle): float(i) for i, obstacle in enumerate(setup.obstacles)}
         self._obstacle_of = np.array([names.get(geom, THE_ARM) for geom in geoms])
         self._last_q: np.ndarray | None = None
+        self._loaded = (NOTHING, self._load_with(NOTHING))
         self._rows: dict[str, list[dict[str, np.ndarray]]] = {"robot": [], "ft": [], "imu": [], "contact": []}
 
     def observe(self, piece: Piece) -> dict[str, dict[str, np.ndarray]]:
@@ -52,7 +56,7 @@ class Telemetry:
         """
         trace, every = piece.trace, piece.steps
         signals = Signals(trace.time, trace.q, trace.qd, trace.qdd, trace.current, trace.tool_wrench)
-        measured = self._measuring.robot(signals, piece.first_tick)
+        measured = self._measuring.robot(signals, piece.first_tick, every)
         robot = measured | self._controller_signals(piece, measured)
         robot |= {
             "truth_q": trace.q[::every],
@@ -68,12 +72,12 @@ class Telemetry:
             robot["truth_payload_mass"] = np.full((len(piece.targets), 1), piece.payload.mass)
         reported = {"robot": robot, **self._measuring.sensors(signals, self._load(piece))}
         reported["contact"] = self._contacts(piece)
-        for device, rows in reported.items():
+        for device, rows in reported.items() if self._keep else ():
             self._rows[device].append(rows)
         return reported
 
     def recording(self, source: str) -> Recording:
-        """Everything observed so far; what has reported nothing has no table."""
+        """Everything kept so far; what has reported nothing has no table."""
         tables = {}
         for device, pieces in self._rows.items():
             columns = {
@@ -115,11 +119,16 @@ class Telemetry:
 
     def _load(self, piece: Piece) -> Load:
         """What hangs beyond the force sensor during a piece."""
+        if self._loaded[0] is not piece.payload:
+            self._loaded = (piece.payload, self._load_with(piece.payload))
+        return self._loaded[1]
+
+    def _load_with(self, payload: Payload) -> Load:
         tool = self._setup.plant.tool
         beyond = (0.0, np.zeros(3), np.zeros((3, 3)))
         if tool is not None and FT_SENSOR in tool.sensors:
             beyond = tool.distal_to(FT_SENSOR)
-        return Load(*loaded(beyond, piece.payload))
+        return Load(*loaded(beyond, payload))
 
     def _contacts(self, piece: Piece) -> dict[str, np.ndarray]:
         """One row per contact and push that acts at a tick."""
@@ -134,7 +143,7 @@ class Telemetry:
         time = piece.time
         frames = kinematics.link_frames(self._setup.plant, trace.q[::every]) if self._setup.pushes else None
         for push in self._setup.pushes:
-            if not push.acts_within(time[0], time[-1] + PERIOD):
+            if not push.acts_within(time[0], time[-1] + piece.period):
                 continue
             wrench = push.wrench(time)
             acts = wrench.any(axis=1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -56,6 +57,13 @@ class _Line:
     label: str
     colour: str
     width: float
+
+
+class _Axis(NamedTuple):
+    """What the plots show of time, and whether their values' limits are known: not of what still comes."""
+
+    time: rrb.TimeAxis
+    fixed: bool
 
 
 def log_signals(stream: rr.RecordingStream, table: Table, ticks: np.ndarray) -> None:
@@ -130,24 +138,35 @@ def blueprint(
     stage: scene.Stage,
     touched: Sequence[Touch] = (),
     obstacles: Sequence[str] = (),
+    *,
+    last: float | None = None,
 ) -> rrb.Blueprint:
-    """The window: the arms, the size of the force and states on the left; on the right a tab per quantity."""
-    axis = _time_axis(table.time)
+    """The window: the arms, the size of the force and states on the left; on the right a tab per quantity.
+
+    Plots show all of the table and hold all of its values, or, with ``last``, the seconds before the newest row of one
+    that goes on, with limits of their own.
+    """
+    axis = _time_axis(table.time) if last is None else _last_seconds(last)
     tabs: list[rrb.Container] = [
         tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axis)) is not None
     ]
     left: list[rrb.View] = [_space(stage, len(scene.arms_in(table)))]
     shares = [3.0]
     if wrenches:
-        lines = [_Line(item.key, _with_size(item), item.label, item.colour, 1.6) for item in wrenches]
+        lines = [
+            _Line(item.key, _with_size(item), item.label, item.colour, 0.8 if item.bound else 1.6) for item in wrenches
+        ]
         tabs.append(_wrench_tab(lines, axis))
-        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axis))
+        sizes = [line for line, item in zip(lines, wrenches, strict=True) if not item.bound]
+        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, sizes, axis))
         shares.append(1.0)
     if touched:
         tabs.append(_contact_tab(touched, len(table), obstacles, axis))
     lanes = len(touched) + has(table, "safety_mode")
     if lanes:
-        left.append(rrb.StateTimelineView(origin=STATE, name="Contacts, pushes and the controller", time_view=axis))
+        left.append(
+            rrb.StateTimelineView(origin=STATE, name="Contacts, pushes and the controller", time_view=axis.time)
+        )
         shares.append(min(1.6, 0.32 + 0.24 * lanes))
     window = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=shares),
@@ -182,7 +201,7 @@ def _space(stage: scene.Stage, arms: int) -> rrb.Spatial3DView:
     )
 
 
-def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Horizontal | None:
+def _joint_tab(quantity: Quantity, table: Table, axis: _Axis) -> rrb.Horizontal | None:
     """A row per joint: the signal on the left, the differences of its lines on the right, as in the figures."""
     widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2, 1.2, 1.2)
     series = quantity.series_in(table)
@@ -204,7 +223,7 @@ def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Hori
     return rrb.Horizontal(*columns, name=quantity.key.replace("_", " ").capitalize()) if columns else None
 
 
-def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
+def _wrench_tab(lines: Sequence[_Line], axis: _Axis) -> rrb.Horizontal:
     rows = [
         _view(f"{name}, {unit}", WRENCH, name, lines, axis)
         for name, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)
@@ -212,7 +231,7 @@ def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
     return rrb.Horizontal(rrb.Vertical(*rows[:3]), rrb.Vertical(*rows[3:]), name="Wrench")
 
 
-def _contact_tab(touched: Sequence[Touch], n: int, obstacles: Sequence[str], axis: rrb.TimeAxis) -> rrb.Vertical:
+def _contact_tab(touched: Sequence[Touch], n: int, obstacles: Sequence[str], axis: _Axis) -> rrb.Vertical:
     """A row for the size of the force and one per base axis; a line per link and obstacle."""
     lines = [
         _Line(_touch_key(touch, obstacles), _force(touch, n), touch.name(obstacles), colour, 1.6)
@@ -247,14 +266,15 @@ def _force(touch: Touch, n: int) -> np.ndarray:
     return force
 
 
-def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: _Axis) -> rrb.TimeSeriesView:
     """One plot: the same part, a joint or an axis, of several columns of an entity."""
+    drawn = [line.values[:, _PARTS[entity].index(part)] for line in lines]
     return rrb.TimeSeriesView(
         origin=entity,
         contents=[f"/{entity}"],
         name=title,
-        axis_x=axis,
-        axis_y=rrb.ScalarAxis(range=_limits([line.values[:, _PARTS[entity].index(part)] for line in lines])),
+        axis_x=axis.time,
+        axis_y=None if not axis.fixed else rrb.ScalarAxis(range=_limits(drawn)),
         plot_legend=rrb.PlotLegend(visible=part in _WITH_LEGEND, corner=rrb.Corner2D.LeftTop),
         overrides={entity: [_picked(line, part) for line in lines]},
     )
@@ -270,10 +290,17 @@ def _picked(line: _Line, part: str) -> rrb.Visualizer:
     return rr.SeriesLines(names=line.label, colors=rgb(line.colour), widths=line.width).visualizer(mappings=[mapping])
 
 
-def _time_axis(time: np.ndarray) -> rrb.TimeAxis:
+def _time_axis(time: np.ndarray) -> _Axis:
     """All of the recording. Linked axes would show half a minute around the cursor instead."""
     start, end = (rrb.TimeRangeBoundary.absolute(seconds=float(time[row])) for row in (0, -1))
-    return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=rr.TimeRange(start=start, end=end))
+    time_axis = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=rr.TimeRange(start=start, end=end))
+    return _Axis(time_axis, fixed=True)
+
+
+def _last_seconds(seconds: float) -> _Axis:
+    start, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=at) for at in (-seconds, 0.0))
+    time_axis = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=rr.TimeRange(start=start, end=end))
+    return _Axis(time_axis, fixed=False)
 
 
 def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
