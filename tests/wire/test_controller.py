@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -290,6 +291,94 @@ def test_posted_actions_are_done_in_order_and_bounded(controller: VirtualControl
         controller.post(lambda: None)
     with pytest.raises(WireError, match="wait for the controller"):
         controller.post(lambda: None)
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, v=0.0000001)",
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, t=10000000)",
+        "movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.01, 0, 0, 0]), v=0.0000001)",
+        "movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.01, 0, 0, 0]), t=10000000)",
+        "speedj([0.5, 0, 0, 0, 0, 0], 1, 0.5)\nstopj(0.0000001)",
+        "speedl([1e300, 0, 0, 1e300, 0, 0], 1e300, 0.5)",
+        "sleep(1e305)",
+    ],
+)
+def test_programs_that_ask_for_too_much_cost_nothing(controller: VirtualController, script: str) -> None:
+    """However slow a motion is, its rows take no memory, and what cannot be ends at most the program."""
+    controller.run_script(script)
+    tracemalloc.start()
+    for _ in range(100):
+        controller.tick()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 3e6
+    assert controller.failure is None
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, a=1e-300)",
+        "set_tcp(p[1e300, 0, 0, 0, 0, 0])",
+        "set_tcp(p[0, 0, 0, 1e300, 0, 0])",
+        "set_payload(1e308)",
+        "set_payload(1, [1000, 0, 0])",
+        "set_target_payload(1, [0, 0, 0], [-1, -1, -1, 9, 9, 9])",
+    ],
+)
+def test_what_no_arm_can_is_refused(controller: VirtualController, script: str) -> None:
+    (said,) = go(controller, script, 1.0)
+    assert said.startswith("script: line 1")
+    for _ in range(20):
+        controller.tick()
+    assert controller.failure is None
+    assert controller.cell.stop_reason is None
+
+
+def test_a_long_move_slowly_is_the_same_move(controller: VirtualController) -> None:
+    """At a slider that no tick divides, a line's rows come from two chunks at a time: still a line."""
+    controller.write_input("speed_slider_mask", 1)
+    controller.write_input("speed_slider_fraction", 0.37)
+    poses: list[np.ndarray] = []
+    go(
+        controller,
+        "sleep(1)\nmovel(pose_add(get_target_tcp_pose(), p[0, 0, -0.05, 0, 0, 0]), v=0.2)",
+        watch=lambda s: poses.append(np.asarray(s.signals["target_TCP_pose"])[:3]),
+    )
+    end = np.array(poses[-1])
+    assert poses[0][2] - end[2] == pytest.approx(0.05, abs=2e-4)
+    assert np.abs(np.array(poses)[:, :2] - end[:2]).max() < 2e-4
+
+
+def test_a_line_that_comes_too_near_to_a_singularity_ends_its_program(controller: VirtualController) -> None:
+    # Across the shoulder's axis: no inverse kinematics follows it.
+    script = "p1 = get_target_tcp_pose()\nmovel(p[-p1[0], -p1[1], p1[2], p1[3], p1[4], p1[5]])"
+    (said,) = go(controller, script)
+    assert "line 2: movel" in said
+    assert controller.cell.stop_reason is None
+
+
+def test_a_simulation_that_cannot_go_on_begins_anew(
+    controller: VirtualController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go(controller, f"movej({(controller.motion.target[0] + 0.1).tolist()})")
+    with monkeypatch.context() as broken:
+        broken.setattr(controller.cell, "advance", lambda rows: 1 / 0)
+        state = controller.tick()
+    assert state.signals["safety_mode"] == 9
+    assert "ZeroDivisionError" in controller.messages[-1].text
+    assert controller.tick() is state
+    with pytest.raises(WireError, match="cannot go on"):
+        controller.unlock_protective_stop()
+    controller.restart_safety()
+    controller.brake_release()
+    after = controller.tick()
+    assert after.timestamp == pytest.approx(state.timestamp + CB3.period)
+    assert after.tick == state.tick + 1
+    assert after.signals["safety_mode"] == 1
+    np.testing.assert_allclose(controller.measured, controller.scenario.q_start, atol=1e-3)
 
 
 def test_power_and_brakes(controller: VirtualController) -> None:

@@ -116,6 +116,8 @@ class Moving:
         try:
             while not move.over:
                 yield
+            if move.error is not None:
+                raise move.error
         finally:
             self._waits -= 1
             if not move.over:
