@@ -8,7 +8,7 @@ from ur5_twin import spatial
 from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, ArmModel
 from ur5_twin.sensing.channel import Line
 from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
-from ur5_twin.sensing.motor_noise import MotorNoise
+from ur5_twin.sensing.motor_noise import TICK, MotorNoise
 from ur5_twin.sensing.signals import Load, Signals
 from ur5_twin.sensing.specs import Clock, SensorSuite
 from ur5_twin.sensing.transport import Arrivals
@@ -33,7 +33,9 @@ class Measuring:
         self._suite, self._model, self._period = suite, model, period
         robot, ft, imu = rng.spawn(3)
         position, velocity, current, motors = robot.spawn(4)
-        self._motors = MotorNoise(suite.current_moving, suite.current_pole, motors)
+        # The same noise in time, whatever the tick.
+        pole = suite.current_pole ** (period / TICK)
+        self._motors = MotorNoise(suite.current_moving, pole, motors)
         self._arrivals = Arrivals(period)
         self._robot = {
             "actual_q": Line(suite.position, 6, position),

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
+#: The tick at which the noise was measured, s.
+TICK = 0.008
 #: A joint moves at more than this, rad/s.
 _MOVING = 0.01
 
@@ -19,7 +21,7 @@ class MotorNoise:
 
     Args:
         std: (6,) standard deviation in motion, A.
-        pole: of x_k = pole x_k-1 + w_k at the robot's tick.
+        pole: of x_k = pole x_k-1 + w_k from row to row.
         rng: of the noise.
     """
 

@@ -96,7 +96,7 @@ class Motion:
         return self.move is not None or bool(self.target[1:].any())
 
     def step(self) -> np.ndarray:
-        """The reference (3, 6) of the next tick. A move that cannot go on ends with an ``error``, and the arm brakes."""
+        """The reference (3, 6) of the next tick. A move that cannot go on has an ``error``; the arm brakes."""
         wanted = 0.0 if self.paused else self.slider
         change = _RAMP * self.period
         self.scaling += min(max(wanted - self.scaling, -change), change)
