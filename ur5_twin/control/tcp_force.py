@@ -29,11 +29,11 @@ from pathlib import Path
 import numba
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from ur5_twin.arm import files, kinematics
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
+from ur5_twin.filters import first_order
 
 #: The tick that the law was found at, s.
 TICK = 0.008
@@ -134,7 +134,7 @@ class TcpForce:
         self._ratio = ratio[-1].copy()
         torque = external_torque(self._law.current, current, qd, before, ratio)
         decay = 1.0 - self._weight
-        average = lfilter([self._weight], [1.0, -decay], torque, axis=0, zi=decay * self._average[None])[0]
+        average, _ = first_order(self._weight, decay, torque, decay * self._average[None])
         self._average = average[-1].copy()
         return truncated_wrench(kinematics.jacobian(self._arm, q), average, self._law.smallest)
 
@@ -209,6 +209,8 @@ def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.n
     inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(J.shape[-1]), J))
     regular = ~singular & (1.0 / np.sqrt(np.einsum("nij,nij->n", inverse, inverse)) >= smallest)
     wrench[regular] = np.einsum("nji,nj->ni", inverse[regular], torque[regular])
+    if regular.all():
+        return wrench
     U, s, Vt = np.linalg.svd(J[~regular])
     along = np.einsum("nij,nj->ni", Vt, torque[~regular])
     kept = s >= smallest
@@ -218,6 +220,8 @@ def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.n
 
 def last_known(values: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The last number so far in each column of ``values`` (n, width), ``first`` (width,) where there is none yet."""
+    if len(values) == 1:
+        return np.where(np.isnan(values), first, values)
     rows = np.arange(len(values))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(values), -1, rows), axis=0)
     return np.where(last < 0, first, np.take_along_axis(values, np.maximum(last, 0), axis=0))

@@ -8,7 +8,8 @@ current that is reported: an autoregressive noise of first order that stops with
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
+
+from ur5_twin.filters import first_order
 
 #: The tick at which the noise was measured, s.
 TICK = 0.008
@@ -33,5 +34,5 @@ class MotorNoise:
         """Currents (n, 6) in A with the noise of joints that move at qd (n, 6) rad/s."""
         white = self._rng.standard_normal(current.shape)
         gain = np.sqrt(1.0 - self._pole**2)
-        coloured, self._memory = lfilter([gain], [1.0, -self._pole], white, axis=0, zi=self._memory)
+        coloured, self._memory = first_order(float(gain), self._pole, white, self._memory)
         return current + self._std * coloured * (np.abs(qd) > _MOVING)
