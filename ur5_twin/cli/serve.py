@@ -91,6 +91,7 @@ def serve(
         loaded = replace(loaded, seed=seed)
     with _stop_signals() as stop:
         controller = VirtualController(loaded, software, run=not idle)
+        controller.reaches_out = not _is_loopback(bind)
         server = Server(controller, bind=bind, ports=numbers, late_packages=late_packages, realtime=realtime)
         with server:
             speed = "in real time" if realtime else "as fast as it goes"

@@ -24,6 +24,7 @@ from ur5_twin.twin.setup import carrying, setup_of
 from ur5_twin.twin.telemetry import Telemetry
 from ur5_twin.wire import modes
 from ur5_twin.wire.builtins import robot_functions
+from ur5_twin.wire.builtins.sockets import Sockets
 from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
@@ -93,6 +94,7 @@ class VirtualController:
         registers: what programs and clients leave for one another.
         popup: the text of an open popup; None if there is none.
         operational_mode: ``NONE``, ``MANUAL`` or ``AUTOMATIC``.
+        reaches_out: whether programs may connect to other machines.
 
     Raises:
         TwinError: the scenario asks for what cannot be.
@@ -114,6 +116,7 @@ class VirtualController:
         self.failure: str | None = None
         self.popup: str | None = None
         self.operational_mode = "NONE"
+        self.reaches_out = False
         self.robot_mode = RobotMode.RUNNING
         #: Pose of the tool centre point in the flange, as a vector, m and rad; payload in kg, its centre in m, flange.
         self.tcp_offset = np.zeros(6)
@@ -130,7 +133,8 @@ class VirtualController:
         self._playing = False
         self._numbered = 0
         self._was_stopped = False
-        self._functions = {**library(), **robot_functions(self)}
+        self._sockets = Sockets(self)
+        self._functions = {**library(), **robot_functions(self, self._sockets)}
         if run and len(self._planned) > 1:
             self._play_planned()
         self.state = State(0, BOOTED, {}, False)
@@ -242,6 +246,7 @@ class VirtualController:
                 self._report(self._program)
                 self._program = None
                 self._watchdogs.clear()
+                self._sockets.close_all()
                 self._release_arm()
         for program in self._secondary:
             program.step()
@@ -280,6 +285,7 @@ class VirtualController:
             joint = JointMode.POWER_OFF
         signals |= {
             "joint_mode": np.full(6, int(joint)),
+            "tcp_force_scalar": float(np.linalg.norm(last["actual_TCP_force"][:3])),
             "speed_scaling": self.motion.scaling,
             "target_speed_fraction": self.motion.slider,
             "tcp_offset": self.tcp_offset,
@@ -396,6 +402,7 @@ class VirtualController:
             self._program = None
         self._playing = False
         self._watchdogs.clear()
+        self._sockets.close_all()
         self.motion.paused = False
         self._release_arm()
 
