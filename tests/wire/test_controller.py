@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from ur5_twin.arm import kinematics
 from ur5_twin.errors import WireError
 from ur5_twin.scenario import load_scenario
+from ur5_twin.twin.cell import Piece
 from ur5_twin.wire.controller import BOOTED, VirtualController
 from ur5_twin.wire.state import State
 from ur5_twin.wire.version import version
@@ -141,7 +142,9 @@ def test_a_killed_motion_brakes_and_another_thread_may_not_interfere(controller:
         ("movej([1, 2])", "list of 6 numbers"),
         ("movej()", "missing"),
         ("servoj([0, 0, 0, 0, 0, 0], gain=5)", "gain is 5"),
-        ("force_mode(1)", "force_mode is not simulated"),
+        ("direct_torque([0, 0, 0, 0, 0, 0])", "direct_torque is not simulated"),
+        ("force_mode(p[0,0,0,0,0,0], [0,0,2,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])", "zeros and ones"),
+        ("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 1, [1,1,1,1,1,1])", "only type 2"),
         ("set_payload(-1)", "payload of -1"),
         ("x = get_inverse_kin(p[3, 0, 0, 0, 0, 0])", "no joint position"),
         ("read_input_integer_register(99)", "0 to 47"),
@@ -233,6 +236,35 @@ def test_the_slider_and_a_pause_slow_a_move_down(controller: VirtualController) 
     for _ in range(400):
         controller.tick()
     np.testing.assert_allclose(controller.motion.target[0], np.array(goal) - 0.3, atol=1e-12)
+
+
+def test_force_mode_presses_with_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = VirtualController(load_scenario("press_plate"), CB3, run=False)
+    pressed: list[float] = []
+    observe = controller._telemetry.observe
+
+    def observed(piece: Piece) -> dict[str, dict[str, np.ndarray]]:
+        reported = observe(piece)
+        pressed.append(reported["robot"]["truth_wrench"][-1, 2])
+        return reported
+
+    monkeypatch.setattr(controller._telemetry, "observe", observed)
+    places: list[np.ndarray] = []
+    said = go(
+        controller,
+        """
+        movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.045, 0, 0, 0]), v=0.1)
+        force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -40, 0, 0, 0], 2, [1, 1, 0.02, 1, 1, 1])
+        sleep(3)
+        end_force_mode()
+        """,
+        watch=lambda s: places.append(np.asarray(s.signals["target_TCP_pose"])),
+    )
+    assert said == []
+    # The last second of force mode. Its belief is blind to friction: 40 N asked for, the plate feels 37 to 40.
+    assert np.mean(pressed[-150:-25]) == pytest.approx(40.0, abs=6.0)
+    assert max(pressed) < 55.0
+    np.testing.assert_allclose(places[-30][:2], places[0][:2], atol=1e-3)
 
 
 def test_a_collision_stops_and_can_be_unlocked() -> None:

@@ -347,6 +347,10 @@ class VirtualController:
     def _tool_twist(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return kinematics.point_jacobian(self.model, q, 6, self.tcp_offset[:3]) @ qd
 
+    def tool_arm(self, p_FT: np.ndarray) -> np.ndarray:
+        """(3,) m, base axes: from the flange, where it was measured, to a point (3,) of it."""
+        return kinematics.forward(self.model, self.measured)[:3, :3] @ p_FT
+
     def carry(self, mass: float, center: np.ndarray, tensor: np.ndarray) -> None:
         """What set_payload does: the controller believes in that at the flange, whatever hangs there.
 

@@ -7,7 +7,7 @@ to rest.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import lru_cache
 from typing import Protocol
 
@@ -170,7 +170,14 @@ class Motion:
         """
         require_positive("speedl", a=a)
         move = Move(_NOTHING)
-        move.rows = self._tool_speed(np.clip(xd, -_FASTEST, _FASTEST), a, p_FT, move)
+        wanted = np.clip(xd, -_FASTEST, _FASTEST)
+        move.rows = self._tool_speed(lambda: wanted, a, p_FT, move)
+        return self._begin(move)
+
+    def guided(self, wanted: Callable[[], np.ndarray], a: float, p_FT: np.ndarray) -> Move:
+        """As ``speedl``, at a twist (6,) that is asked for anew each tick."""
+        move = Move(_NOTHING)
+        move.rows = self._tool_speed(lambda: np.clip(wanted(), -_FASTEST, _FASTEST), a, p_FT, move)
         return self._begin(move)
 
     def stop(self, a: float = BRAKING) -> Move:
@@ -237,10 +244,10 @@ class Motion:
             move.reached = share == 1.0
             yield self._with_speed(qd + share * missing)
 
-    def _tool_speed(self, wanted: np.ndarray, a: float, p_FT: np.ndarray, move: Move) -> Rows:
+    def _tool_speed(self, wanted: Callable[[], np.ndarray], a: float, p_FT: np.ndarray, move: Move) -> Rows:
         twist = self._twist(p_FT)
         while True:
-            missing = wanted - twist
+            missing = wanted() - twist
             size = max(np.linalg.norm(missing[:3]), np.linalg.norm(missing[3:]), 1e-12)
             share = min(1.0, a * self.period / size)
             move.reached = share == 1.0

@@ -16,7 +16,6 @@ NOT_SIMULATED = (
     "direct_torque",
     "end_screw_driving",
     "enable_external_ft_sensor",
-    "force_mode",
     "ft_rtde_input_enable",
     "movec",
     "optimovej",
