@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.views import rerun_view
@@ -12,8 +15,12 @@ from ur5_twin.views import rerun_view
 if TYPE_CHECKING:
     import rerun as rr
 
+    from ur5_twin.views.rerun_scene import Stage
+
 #: What the plots show before the newest row, s.
 SHOWN = 20.0
+#: The picture has room for a flange this far to each side of where it is at first, m.
+_ROOM = 0.3
 #: What the viewer keeps at most; the oldest goes first.
 _MEMORY = "1GB"
 
@@ -43,7 +50,7 @@ class LiveView:
         self._model = model
         self._sent = 0
         recording = _recording(first)
-        stage = rerun_view.new_stage(recording, model)
+        stage = _stage(model, first)
         layout = rerun_view.new_blueprint(recording, model, stage, last=SHOWN)
         self._stream: rr.RecordingStream = rr.RecordingStream(rerun_view.APPLICATION_ID, send_properties=False)
         self._stream.send_recording_name(title)
@@ -66,6 +73,14 @@ class LiveView:
         """Send what still waits, and end."""
         self._stream.flush()
         self._stream.disconnect()
+
+
+def _stage(model: ArmModel, first: Table) -> Stage:
+    """Room for an arm that may go anywhere near where it is."""
+    from ur5_twin.views.rerun_scene import Stage
+
+    place = kinematics.forward(model, first["actual_q"][0])[:3, 3]
+    return Stage.facing(place + _ROOM * np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3))
 
 
 def _recording(rows: Table) -> Recording:

@@ -151,11 +151,14 @@ def blueprint(
         tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axis)) is not None
     ]
     left: list[rrb.View] = [_space(stage, len(scene.arms_in(table)))]
-    shares = [3.0]
+    shares, front = [3.0], 0
     if wrenches:
         lines = [
             _Line(item.key, _with_size(item), item.label, item.colour, 0.8 if item.bound else 1.6) for item in wrenches
         ]
+        if last is not None:
+            # Beside a running robot the force is what one looks at.
+            front = len(tabs)
         tabs.append(_wrench_tab(lines, axis))
         sizes = [line for line, item in zip(lines, wrenches, strict=True) if not item.bound]
         left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, sizes, axis))
@@ -170,7 +173,7 @@ def blueprint(
         shares.append(min(1.6, 0.32 + 0.24 * lanes))
     window = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=shares),
-        *([rrb.Tabs(*tabs, active_tab=0)] if tabs else []),
+        *([rrb.Tabs(*tabs, active_tab=front)] if tabs else []),
         column_shares=[1.0, 1.15] if tabs else [1.0],
     )
     return rrb.Blueprint(
