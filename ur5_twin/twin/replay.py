@@ -91,8 +91,7 @@ def replay(
             f"{recording.source}: servo replay follows targets, and the log has no "
             f"{', '.join(source.missing_targets)}; use --mode shadow (mode='shadow')"
         )
-    loop = _loop(settings)
-    twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
+    loop, twin = new_twin(settings)
     q, qd, moment, current = (np.empty((len(source), 6)) for _ in range(4))
     for row, sample in enumerate(source):
         try:
@@ -116,9 +115,7 @@ def replay(
         "sim_actual_current": current if simulated else _current(recording, settings, moment, q, qd),
     }
     if not source.missing_targets:
-        target_moment = Dynamics(settings.model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
-        predicted["sim_target_moment"] = target_moment
-        predicted["sim_target_current"] = settings.target_current.current(target_moment, robot["target_qd"])
+        predicted |= target_columns(settings, robot["target_q"], robot["target_qd"], robot["target_qdd"])
     begun_again = np.isin(robot.time, twin.restarts)
     if begun_again.mean() > _MOST_RESTARTS:
         raise ReplayError(
@@ -150,6 +147,20 @@ def _current(
     return settings.drive.current(
         terms.ride(recording, arm, settings.target_current, motion=(q, qd) if servo else None)
     )
+
+
+def new_twin(settings: ReplaySettings) -> tuple[ClosedLoop, ServoTwin | ShadowTwin]:
+    """The simulated arm, and the twin that moves it, at its beginning."""
+    loop = _loop(settings)
+    return loop, ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
+
+
+def target_columns(
+    settings: ReplaySettings, target_q: np.ndarray, target_qd: np.ndarray, target_qdd: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What the controller's model says of targets (n, 6): ``sim_target_moment`` and ``sim_target_current``."""
+    moment = Dynamics(settings.model).inverse(target_q, target_qd, target_qdd)
+    return {"sim_target_moment": moment, "sim_target_current": settings.target_current.current(moment, target_qd)}
 
 
 def _loop(settings: ReplaySettings) -> ClosedLoop:
