@@ -127,7 +127,7 @@ def one_seed(seed: int) -> dict:
     motions = []
     for k, (recording, clean) in enumerate(records):
         noise = Measuring(suite, base_plant, np.random.default_rng([seed, k]), period=PERIOD)
-        measured = noise.robot(clean, 0)
+        measured = noise.robot(clean, 0, 1)
         columns = {name: measured[name] for name in ("actual_q", "actual_qd", "actual_current")}
         motions.append(motion(recording.with_table(recording.robot.with_columns(columns)), known))
     truth = {name: getattr(drives.friction, name) for name in tuple(FIELDS)[2:]}

@@ -61,7 +61,7 @@ def noisy(recording: Recording, seed: int) -> Recording:
     robot = recording.robot
     q, qd, qdd, wrench = (robot[name] for name in ("truth_q", "truth_qd", "truth_qdd", "truth_wrench"))
     sensors = Measuring(load_sensors("lab"), PLANT, np.random.default_rng(seed), period=PERIOD)
-    seen = sensors.robot(Signals(robot.time, q, qd, qdd, robot["actual_current"], wrench), 0)
+    seen = sensors.robot(Signals(robot.time, q, qd, qdd, robot["actual_current"], wrench), 0, 1)
     return recording.with_table(
         robot.with_columns({name: seen[name] for name in ("actual_q", "actual_qd", "actual_current")})
     )

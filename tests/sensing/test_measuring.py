@@ -60,7 +60,7 @@ def measured(
     rows: dict[str, list[dict[str, np.ndarray]]] = {}
     tick = 0
     for piece in pieces(signals, cuts or []):
-        rows.setdefault("robot", []).append(measuring.robot(piece, tick))
+        rows.setdefault("robot", []).append(measuring.robot(piece, tick, ROWS))
         for device, columns in measuring.sensors(piece, LOAD).items():
             rows.setdefault(device, []).append(columns)
         tick += len(piece.time) // ROWS

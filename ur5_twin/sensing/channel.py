@@ -91,11 +91,12 @@ class Line:
     def sample(self, time: np.ndarray) -> np.ndarray:
         """(n, width) what it reads at times (n,) s, rising and covered; before the first, the first."""
         channel = self._channel
+        if not len(time):
+            return np.empty((0, self._values.shape[1]))
         at = time - channel.delay
         values = np.stack([np.interp(at, self._time, column) for column in self._values.T], axis=1)
-        if len(time):
-            kept = max(0, int(np.searchsorted(self._time, at[-1], side="right")) - 1)
-            self._time, self._values = self._time[kept:], self._values[kept:]
+        kept = max(0, int(np.searchsorted(self._time, at[-1], side="right")) - 1)
+        self._time, self._values = self._time[kept:], self._values[kept:]
         return self.corrupted(time, values)
 
     def corrupted(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:

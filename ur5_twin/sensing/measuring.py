@@ -69,15 +69,16 @@ class Measuring:
         first = min(offsets.values())
         return {device: offset - first for device, offset in offsets.items()}
 
-    def robot(self, signals: Signals, first_tick: int) -> dict[str, np.ndarray]:
+    def robot(self, signals: Signals, first_tick: int, every: int) -> dict[str, np.ndarray]:
         """The robot's measured columns at the ticks of a piece that begins with tick ``first_tick``.
+
+        ``every`` is how many rows of the truth a tick has.
 
         Returns:
             ``time`` (n,), actual_q, actual_qd, actual_current (n, 6) and actual_tool_accelerometer (n, 3), whose counts
             the lab's logs do not explain: zeros. With late packages ``time`` is their arrival, and ``timestamp`` (n, 1)
             the controller's own.
         """
-        every = round(self._period / (signals.time[1] - signals.time[0]))
         tick = first_tick + np.arange(len(signals.time) // every)
         time = tick * self._period
         q, qd = signals.q[::every], signals.qd[::every]

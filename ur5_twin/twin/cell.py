@@ -21,11 +21,11 @@ from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.control.gains import Gains
 from ur5_twin.control.target_current import TargetCurrentLaw
 from ur5_twin.control.trajectory import stop
-from ur5_twin.errors import ScenarioError
+from ur5_twin.errors import ScenarioError, SimulationError
 from ur5_twin.twin import _loop_kernel as kernel
 from ur5_twin.twin.closed_loop import NOBODY, REST, SUBSTEP, ClosedLoop, Ending, Limits
 
-#: The controller's tick, s: 125 Hz.
+#: The tick of a CB series' controller, s: 125 Hz.
 PERIOD = 0.008
 #: Deeper in an obstacle than this an arm does not start, m: the touch of a contact that is meant is less.
 _START_DEPTH = 1e-3
@@ -100,6 +100,7 @@ class Setup:
         payloads: what the arm picks up and puts down, in order of time.
         told: the controller's model from a time on, s, in order of time: what set_payload does.
         warm_for: s of motion before the run; infinite for drives that are warm through.
+        period: the controller's tick, s; whole physics steps go into one.
     """
 
     controller: ArmModel
@@ -114,6 +115,7 @@ class Setup:
     payloads: tuple[Payload, ...] = ()
     told: tuple[tuple[float, ArmModel], ...] = ()
     warm_for: float = np.inf
+    period: float = PERIOD
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ class Piece:
         controller: the model that the controller linearised with.
         payload: what the arm carried beside its tool.
         stopped: for each tick, whether a protective stop had been made (n,).
+        period: of the ticks, s.
     """
 
     first_tick: int
@@ -137,11 +140,12 @@ class Piece:
     controller: ArmModel
     payload: Payload
     stopped: np.ndarray
+    period: float = PERIOD
 
     @property
     def time(self) -> np.ndarray:
         """(n,) s."""
-        return (self.first_tick + np.arange(len(self.targets))) * PERIOD
+        return (self.first_tick + np.arange(len(self.targets))) * self.period
 
 
 class Cell:
@@ -176,14 +180,15 @@ class Cell:
             obstacles=setup.obstacles,
             payload=bool(setup.payloads),
         )
-        self._steps = round(PERIOD / SUBSTEP)
+        self._period = setup.period
+        self._steps = round(self._period / SUBSTEP)
         model = self._loop.model
         self.geoms = tuple(model.geom(i).name for i in range(model.ngeom))
         self._push_bodies = np.array([self._loop.body(push.body) for push in setup.pushes], dtype=np.int64)
         self._push_points = np.array([push.point for push in setup.pushes], dtype=float).reshape(-1, 3)
         self._push_turning = np.array([push.turning for push in setup.pushes], dtype=np.int64)
         self._changes = sorted(
-            {round(at / PERIOD) for at in (*(p.at for p in setup.payloads), *(at for at, _ in setup.told))}
+            {round(at / self._period) for at in (*(p.at for p in setup.payloads), *(at for at, _ in setup.told))}
         )
         self.reset()
 
@@ -242,14 +247,40 @@ class Cell:
                 break
         return pieces
 
+    def stop(self, why: str) -> None:
+        """Make a protective stop at this tick, for a reason of somebody else's."""
+        if self.stop_tick is None:
+            self._stop(f"at {self.tick * self._period:.3f} s {why}")
+
+    def release(self) -> None:
+        """End a protective stop: from here on targets count again, and the limits.
+
+        The target is where the arm is: what it presses on, it no longer presses on.
+
+        Raises:
+            SimulationError: the arm still brakes.
+        """
+        if self.stop_tick is None:
+            return
+        if self.target[1:].any():
+            raise SimulationError(f"the arm still brakes ({self.stop_reason})")
+        self.stop_reason, self.stop_tick, self._halt = None, None, None
+        self.target = np.stack([self._loop.relax(), np.zeros(6), np.zeros(6)])
+        self._loop.with_limits(self.setup.limits)
+
+    def tell(self, controller: ArmModel) -> None:
+        """Replace the model that the controller linearises with from this tick on, as set_payload does."""
+        self._controller = controller
+        self._loop.tell_payload(controller)
+
     def _run(self, rows: np.ndarray) -> Piece:
         n = len(rows)
         self._change()
         through = np.concatenate([self.target[None], rows])
         trace, ending = self._loop.run(
             through,
-            np.full(n, PERIOD),
-            start=self.tick * PERIOD,
+            np.full(n, self._period),
+            start=self.tick * self._period,
             pushes=self._pushes(n),
             viscous_scale=self._warmth(n),
         )
@@ -258,7 +289,9 @@ class Cell:
         time = (self.tick * self._steps + np.arange(len(trace.time))) * SUBSTEP
         trace = trace._replace(time=time)
         was_stopped = np.full(kept, self.stop_reason is not None)
-        piece = Piece(self.tick, through[:kept], trace, self._steps, self._controller, self._payload, was_stopped)
+        piece = Piece(
+            self.tick, through[:kept], trace, self._steps, self._controller, self._payload, was_stopped, self._period
+        )
         self.tick += kept
         self.target = through[kept]
         if not ending.complete:
@@ -267,19 +300,22 @@ class Cell:
 
     def _end(self, ending: Ending) -> None:
         """The controller stops the arm, or the simulation has come to its end."""
-        said = f"at {self.tick * PERIOD:.3f} s {self._loop.explain(ending)}"
+        said = f"at {self.tick * self._period:.3f} s {self._loop.explain(ending)}"
         if ending.why in _STOPS and self.stop_reason is None:
-            self.stop_reason = f"protective stop {said}"
-            self.stop_tick = self.tick
-            self._halt = _halting(self.target)
-            self._loop.with_limits(Limits(deviation=_OVERPOWERED))
+            self._stop(said)
         elif ending.why == kernel.DEVIATION:
             self.failure = (
-                f"at {self.tick * PERIOD:.3f} s something overpowers the stopped arm: joint {ending.joint + 1} is "
-                f"pushed {_OVERPOWERED:g} rad away ({self.stop_reason})"
+                f"at {self.tick * self._period:.3f} s something overpowers the stopped arm: joint {ending.joint + 1} "
+                f"is pushed {_OVERPOWERED:g} rad away ({self.stop_reason})"
             )
         else:
             self.failure = said
+
+    def _stop(self, said: str) -> None:
+        self.stop_reason = f"protective stop {said}"
+        self.stop_tick = self.tick
+        self._halt = _halting(self.target, self._period)
+        self._loop.with_limits(Limits(deviation=_OVERPOWERED))
 
     def _until_next_change(self, n: int) -> int:
         ahead = [tick - self.tick for tick in self._changes if tick > self.tick]
@@ -290,11 +326,11 @@ class Cell:
         if self.tick not in self._changes:
             return
         for payload in self.setup.payloads:
-            if round(payload.at / PERIOD) == self.tick:
+            if round(payload.at / self._period) == self.tick:
                 self._payload = payload
                 self._loop.carry(payload.mass, payload.center, payload.inertia)
         for at, controller in self.setup.told:
-            if round(at / PERIOD) == self.tick:
+            if round(at / self._period) == self.tick:
                 self._controller = controller
                 self._loop.tell_payload(controller)
 
@@ -302,7 +338,7 @@ class Cell:
         """The pushes that act within the next n ticks."""
         # What acted before and does not now must not stay.
         self.data.xfrc_applied[:] = 0.0
-        start, end = self.tick * PERIOD, (self.tick + n) * PERIOD
+        start, end = self.tick * self._period, (self.tick + n) * self._period
         acting = [i for i, push in enumerate(self.setup.pushes) if push.acts_within(start, end)]
         if not acting:
             return NOBODY
@@ -316,7 +352,7 @@ class Cell:
         )
 
     def _warmth(self, n: int) -> np.ndarray:
-        scale = self.setup.drives.friction.viscous_scale((self.tick + np.arange(n)) * PERIOD, self.setup.warm_for)
+        scale = self.setup.drives.friction.viscous_scale((self.tick + np.arange(n)) * self._period, self.setup.warm_for)
         return np.ascontiguousarray(np.broadcast_to(scale[:, None], (n, 6)))
 
     def _check_start(self) -> None:
@@ -335,9 +371,9 @@ class Cell:
         )
 
 
-def _halting(target: np.ndarray) -> Iterator[np.ndarray]:
+def _halting(target: np.ndarray, period: float) -> Iterator[np.ndarray]:
     """Target rows of a protective stop from a target (3, 6) on, for ever."""
-    rows = stop(target[0], target[1], deceleration=_BRAKING, period=PERIOD)
+    rows = stop(target[0], target[1], deceleration=_BRAKING, period=period)
     yield from rows[1:]
     while True:
         yield np.stack([rows[-1, 0], np.zeros(6), np.zeros(6)])

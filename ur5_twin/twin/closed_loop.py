@@ -156,6 +156,12 @@ class ClosedLoop:
         self.data.qpos[:6] = q
         self._just_reset = True
 
+    def relax(self) -> np.ndarray:
+        """Forget what the servo has built up, and its estimate of the force; (6,) where the joints are, rad."""
+        for array in (self._state.integral, self._state.residual):
+            array[:] = 0.0
+        return self.data.qpos[:6].copy()
+
     def rest_with(self, current: np.ndarray) -> None:
         """Let the arm stand where it was reset to with a measured current (6,) A: how a move ended stays in its joints.
 

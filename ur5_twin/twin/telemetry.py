@@ -14,7 +14,7 @@ from ur5_twin.arm.parameters import FT_SENSOR
 from ur5_twin.control.tcp_force import TcpForce
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.sensing import Load, Measuring, SensorSuite, Signals
-from ur5_twin.twin.cell import PERIOD, Piece, Setup, loaded
+from ur5_twin.twin.cell import Piece, Setup, loaded
 
 #: Values of RTDE's safety_mode.
 NORMAL, PROTECTIVE_STOP = 1.0, 3.0
@@ -32,11 +32,14 @@ class Telemetry:
         geoms: names of the cell's geoms (``Cell.geoms``).
         suite: the sensors.
         rng: of their noise.
+        keep: keep what was reported, for ``recording``; a cell that runs for days does not.
     """
 
-    def __init__(self, setup: Setup, geoms: Sequence[str], suite: SensorSuite, rng: np.random.Generator) -> None:
-        self._setup = setup
-        self._measuring = Measuring(suite, setup.plant, rng, period=PERIOD)
+    def __init__(
+        self, setup: Setup, geoms: Sequence[str], suite: SensorSuite, rng: np.random.Generator, *, keep: bool = True
+    ) -> None:
+        self._setup, self._keep = setup, keep
+        self._measuring = Measuring(suite, setup.plant, rng, period=setup.period)
         self._force = TcpForce(setup.controller)
         self._dynamics = Dynamics(setup.controller)
         names = {geom_name(obstacle): float(i) for i, obstacle in enumerate(setup.obstacles)}
@@ -52,7 +55,7 @@ class Telemetry:
         """
         trace, every = piece.trace, piece.steps
         signals = Signals(trace.time, trace.q, trace.qd, trace.qdd, trace.current, trace.tool_wrench)
-        measured = self._measuring.robot(signals, piece.first_tick)
+        measured = self._measuring.robot(signals, piece.first_tick, every)
         robot = measured | self._controller_signals(piece, measured)
         robot |= {
             "truth_q": trace.q[::every],
@@ -68,12 +71,12 @@ class Telemetry:
             robot["truth_payload_mass"] = np.full((len(piece.targets), 1), piece.payload.mass)
         reported = {"robot": robot, **self._measuring.sensors(signals, self._load(piece))}
         reported["contact"] = self._contacts(piece)
-        for device, rows in reported.items():
+        for device, rows in reported.items() if self._keep else ():
             self._rows[device].append(rows)
         return reported
 
     def recording(self, source: str) -> Recording:
-        """Everything observed so far; what has reported nothing has no table."""
+        """Everything kept so far; what has reported nothing has no table."""
         tables = {}
         for device, pieces in self._rows.items():
             columns = {
@@ -134,7 +137,7 @@ class Telemetry:
         time = piece.time
         frames = kinematics.link_frames(self._setup.plant, trace.q[::every]) if self._setup.pushes else None
         for push in self._setup.pushes:
-            if not push.acts_within(time[0], time[-1] + PERIOD):
+            if not push.acts_within(time[0], time[-1] + piece.period):
                 continue
             wrench = push.wrench(time)
             acts = wrench.any(axis=1)

@@ -1,0 +1,276 @@
+"""The controller's reference, tick by tick: one motion at a time, each from wherever the reference is.
+
+What ``control.program`` plans from beginning to end happens here on line. A motion is a generator of target rows
+(3, 6): q, qd, qdd; the speed slider and a pause slow down the planned ones. Blend radii do not count: each move comes
+to rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import expm
+
+from ur5_twin.arm import kinematics
+from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveJ, MoveL, Program
+from ur5_twin.control.limits import check_position
+from ur5_twin.control.program import plan
+from ur5_twin.control.trajectory import require_positive, stop
+from ur5_twin.errors import TwinError
+
+#: How fast the speed slider and a pause change the speed of motion, 1/s.
+_RAMP = 2.0
+#: A motion that is broken off brakes at this, rad/s^2.
+BRAKING = 4.0
+#: Damping of the Jacobian's inverse near singularities, m and rad.
+_DAMPING = 0.02
+#: Joints closer than this to their limits turn no further, rad.
+_MARGIN = 1e-3
+
+Rows = Generator[np.ndarray, None, None]
+
+
+class Move:
+    """A motion under way.
+
+    Attributes:
+        over: it has come to its end, or was broken off.
+        reached: a stream's speed is what was asked for; of other motions, that they are over.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        self.rows = rows
+        self.over = False
+        self.reached = False
+
+
+class Motion:
+    """The reference.
+
+    Args:
+        model: the controller's arm, for kinematics and limits.
+        q: (6,) where it rests, rad.
+        period: tick, s.
+
+    Attributes:
+        target: (3, 6) the reference now: q, qd, qdd.
+        slider: speed of planned motion as asked for, 0 to 1.
+        scaling: as it is now: ``slider``, or less while it changes or is paused.
+        paused: whether it is.
+        move: the motion under way; None at rest.
+    """
+
+    def __init__(self, model: ArmModel, q: np.ndarray, period: float) -> None:
+        self.model, self.period = model, period
+        self.target = np.stack([q, np.zeros(6), np.zeros(6)])
+        self.slider, self.scaling, self.paused = 1.0, 1.0, False
+        self.move: Move | None = None
+
+    @property
+    def moving(self) -> bool:
+        """Whether the reference moves, or is about to."""
+        return self.move is not None or bool(self.target[1:].any())
+
+    def step(self) -> np.ndarray:
+        """The reference (3, 6) of the next tick."""
+        wanted = 0.0 if self.paused else self.slider
+        change = _RAMP * self.period
+        self.scaling += min(max(wanted - self.scaling, -change), change)
+        if self.move is not None:
+            row = next(self.move.rows, None)
+            if row is not None:
+                self.target = row
+                return row
+            self.move.over = self.move.reached = True
+            self.move = None
+        if self.target[1:].any():
+            self.move = Move(self._braking(BRAKING))
+            return self.step()
+        return self.target
+
+    def rest_at(self, q: np.ndarray) -> None:
+        """Begin anew from rest, as after a protective stop; what was under way is broken off."""
+        self._begin(None)
+        self.target = np.stack([q, np.zeros(6), np.zeros(6)])
+
+    # Motions; each breaks off the one before
+
+    def rows(self, rows: np.ndarray) -> Move:
+        """Follow planned rows (n, 3, 6), one a tick, the first where the reference rests."""
+        return self._begin(self._planned(rows))
+
+    def along(self, command: MoveJ | MoveL) -> Move:
+        """A movej or movel; an arm that still moves brakes first.
+
+        Raises:
+            TwinError: out of reach or beyond the joints' limits.
+        """
+        braking = list(self._braking(BRAKING)) if self.target[1].any() else []
+        q = braking[-1][0] if braking else self.target[0]
+        planned = plan(self.model, q, Program((command,)), period=self.period).rows
+
+        def both() -> Rows:
+            yield from braking
+            yield from self._planned(planned)
+
+        return self._begin(both())
+
+    def servoj(self, q: np.ndarray, lookahead_time: float, gain: float) -> Move:
+        """Go after a set point by the law of ``control.servoj`` until another motion begins, from any motion."""
+        check_position(self.model.limits, q, "servoj")
+        for name, value, (low, high) in (
+            ("lookahead_time", lookahead_time, LOOKAHEAD_RANGE),
+            ("gain", gain, GAIN_RANGE),
+        ):
+            if not low <= value <= high:
+                raise TwinError(f"servoj: {name} is {value:g}, URScript allows {low:g} to {high:g}")
+        return self._begin(self._following(np.asarray(q, dtype=float), lookahead_time, gain))
+
+    def speedj(self, qd: np.ndarray, a: float) -> Move:
+        """Bring the joints to speeds (6,) rad/s with ``a`` rad/s^2 of the leading one, and keep them."""
+        require_positive("speedj", a=a)
+        qd = np.clip(qd, -self.model.limits.qd, self.model.limits.qd)
+        move = Move(_NOTHING)
+        move.rows = self._joint_speed(qd, a, move)
+        return self._begin(move)
+
+    def speedl(self, xd: np.ndarray, a: float, p_FT: np.ndarray) -> Move:
+        """Bring the tool centre point, at ``p_FT`` (3,) m in the flange, to a twist (6,) in base axes, and keep it.
+
+        Args:
+            xd: m/s and rad/s.
+            a: m/s^2, and rad/s^2 of the turn.
+            p_FT: the point.
+        """
+        require_positive("speedl", a=a)
+        move = Move(_NOTHING)
+        move.rows = self._tool_speed(np.asarray(xd, dtype=float), a, p_FT, move)
+        return self._begin(move)
+
+    def stop(self, a: float = BRAKING) -> Move:
+        """Come to rest, the joints keeping their direction, with ``a`` rad/s^2 of the fastest."""
+        require_positive("stopj", a=a)
+        return self._begin(self._braking(a))
+
+    def free(self, measured: Generator[np.ndarray, None, None]) -> Move:
+        """Give way: the reference is where the arm is, at rest; ``measured`` gives (6,) rad each tick."""
+
+        def rows() -> Rows:
+            for q in measured:
+                yield np.stack([q, np.zeros(6), np.zeros(6)])
+
+        return self._begin(rows())
+
+    def _begin(self, rows: Rows | Move | None) -> Move:
+        if self.move is not None:
+            self.move.over = True
+            self.move.rows.close()
+        move = rows if isinstance(rows, Move) else Move(_NOTHING if rows is None else rows)
+        self.move = None if rows is None else move
+        return move
+
+    # Generators of rows
+
+    def _planned(self, rows: np.ndarray) -> Rows:
+        """Rows at the speed that slider and pause allow."""
+        at, last = 0.0, len(rows) - 1
+        while at < last:
+            before = self.scaling
+            at = min(at + before, last)
+            k = min(int(at), last - 1)
+            if before == 1.0 and at == int(at):
+                yield rows[int(at)]
+            else:
+                yield _between(rows[k], rows[k + 1], at - k, self.period, before)
+
+    def _following(self, u: np.ndarray, lookahead: float, gain: float) -> Rows:
+        A = _filter(gain, lookahead, self.period)
+        fastest = self.model.limits.qd
+        while True:
+            q, qd = self.target[0], self.target[1]
+            offset = q - u
+            speed = A[1, 0] * offset + A[1, 1] * qd
+            q_next = u + A[0, 0] * offset + A[0, 1] * qd
+            too_fast = np.abs(speed) > fastest
+            if too_fast.any():
+                # Not faster than a joint can, and on from there.
+                speed = np.clip(speed, -fastest, fastest)
+                q_next = np.where(too_fast, q + self.period * speed, q_next)
+            yield np.stack([q_next, speed, (speed - qd) / self.period])
+
+    def _joint_speed(self, wanted: np.ndarray, a: float, move: Move) -> Rows:
+        while True:
+            qd = self.target[1]
+            missing = wanted - qd
+            share = min(1.0, a * self.period / max(np.abs(missing).max(), 1e-12))
+            move.reached = share == 1.0
+            yield self._with_speed(qd + share * missing)
+
+    def _tool_speed(self, wanted: np.ndarray, a: float, p_FT: np.ndarray, move: Move) -> Rows:
+        twist = self._twist(p_FT)
+        while True:
+            missing = wanted - twist
+            size = max(np.linalg.norm(missing[:3]), np.linalg.norm(missing[3:]), 1e-12)
+            share = min(1.0, a * self.period / size)
+            move.reached = share == 1.0
+            twist = twist + share * missing
+            J = self._jacobian(p_FT)
+            qd = J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * _weak(J) * np.eye(6), twist)
+            beyond = float((np.abs(qd) / self.model.limits.qd).max())
+            yield self._with_speed(qd / max(beyond, 1.0))
+
+    def _with_speed(self, qd: np.ndarray) -> np.ndarray:
+        """The next row, with joint speeds (6,) that keep within the joints' range."""
+        q, before = self.target[0], self.target[1]
+        limit = self.model.limits.q - _MARGIN
+        # Straight from one speed to the other; a joint at its limit stays there.
+        ahead = np.clip(q + 0.5 * self.period * (before + qd), -limit, limit)
+        qd = np.where(np.abs(ahead) >= limit, 0.0, qd)
+        return np.stack([ahead, qd, (qd - before) / self.period])
+
+    def _braking(self, a: float) -> Rows:
+        rows = stop(self.target[0], self.target[1], deceleration=a, period=self.period)
+        limit = self.model.limits.q
+        rows[:, 0] = np.clip(rows[:, 0], -limit, limit)
+        yield from rows[1:] if len(rows) > 1 else [np.stack([rows[0, 0], np.zeros(6), np.zeros(6)])]
+
+    def _jacobian(self, p_FT: np.ndarray) -> np.ndarray:
+        return kinematics.point_jacobian(self.model, self.target[0], 6, p_FT)
+
+    def _twist(self, p_FT: np.ndarray) -> np.ndarray:
+        return self._jacobian(p_FT) @ self.target[1]
+
+
+def _nothing() -> Rows:
+    yield from ()
+
+
+_NOTHING = _nothing()
+
+
+@lru_cache(maxsize=16)
+def _filter(gain: float, lookahead: float, period: float) -> np.ndarray:
+    return expm(np.array([[0.0, 1.0], [-gain, -gain * lookahead]]) * period)
+
+
+def _weak(J: np.ndarray) -> float:
+    """How near to a singularity, 0 to 1: damping grows there, and is none elsewhere."""
+    smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
+    return max(0.0, 1.0 - (smallest / 0.1) ** 2)
+
+
+def _between(a: np.ndarray, b: np.ndarray, share: float, period: float, scaling: float) -> np.ndarray:
+    """The row between two rows of a plan that is followed at less than its speed: a cubic through both."""
+    h, s = period, share
+    q = (
+        (1 + 2 * s) * (1 - s) ** 2 * a[0]
+        + s * (1 - s) ** 2 * h * a[1]
+        + s**2 * (3 - 2 * s) * b[0]
+        + s**2 * (s - 1) * h * b[1]
+    )
+    qd = 6 * s * (1 - s) * (b[0] - a[0]) / h + (1 - s) * (1 - 3 * s) * a[1] + s * (3 * s - 2) * b[1]
+    qdd = a[2] + s * (b[2] - a[2])
+    return np.stack([q, scaling * qd, scaling**2 * qdd])

@@ -1,0 +1,174 @@
+"""A program at work: its threads, a tick at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from typing import Any
+
+from ur5_twin.errors import ScriptError, TwinError
+from ur5_twin.wire.urscript import limits
+from ur5_twin.wire.urscript.compiler import Code, Running, Scope, compiled
+from ur5_twin.wire.urscript.syntax import Program
+from ur5_twin.wire.urscript.values import Value, shown
+
+#: What a program may do wrong that Python finds first.
+_ITS_OWN = (TwinError, ArithmeticError, LookupError, TypeError, ValueError, RecursionError, MemoryError)
+
+
+class _Thread(Running):
+    """A thread of the program, between two of its statements.
+
+    Attributes:
+        line: of the statement it is at.
+        spent: statements it has run in this tick.
+        calls: functions it is within.
+        result: what the function that just ended returned.
+        program: the interpreter.
+    """
+
+    def __init__(self, program: Interpreter, body: Code, scope: Scope) -> None:
+        self.line, self.spent, self.calls = 0, 0, 0
+        self.result: Value = None
+        self.program = program
+        self.work: Generator[None, None, Any] = body.run(self, scope)
+
+
+class Interpreter:
+    """Runs a program.
+
+    Each ``step`` gives every thread a turn, in the order in which they began: until it waits (a built-in yields), has
+    run ``limits.STATEMENTS`` statements, or is over. The program is over when its first thread is, or with an error in
+    any of them.
+
+    Args:
+        program: what to run.
+        library: the functions that it does not define itself. Their parameters have URScript's names. A generator
+            function waits a tick at each ``yield``; if its thread is killed meanwhile it is closed.
+
+    Attributes:
+        program: what runs.
+        error: what it did wrong, with the line; None if nothing.
+
+    Raises:
+        ScriptError: it calls what there is not.
+    """
+
+    def __init__(self, program: Program, library: Mapping[str, Callable[..., Any]]) -> None:
+        self.program = program
+        self.error: ScriptError | None = None
+        self._critical: _Thread | None = None
+        self._within_critical = 0
+        self._begun = 0
+        self._threads: dict[int, _Thread] = {}
+        self._now: _Thread | None = None
+        main = compiled(program, library)
+        self._line = 1
+        self.begin(main, Scope(None))
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on."""
+        return bool(self._threads)
+
+    @property
+    def line(self) -> int:
+        """Line that the first thread is at, or where the program ended."""
+        return next(iter(self._threads.values())).line if self._threads else self._line
+
+    @property
+    def thread(self) -> int | None:
+        """Handle of the thread whose turn it is; None between the turns."""
+        return next((handle for handle, thread in self._threads.items() if thread is self._now), None)
+
+    def step(self) -> None:
+        """One tick."""
+        for handle, thread in list(self._threads.items()):
+            if handle not in self._threads:
+                continue
+            # Checked at each turn: a thread before it in this tick may have entered.
+            if self._critical is not None and self._critical is not thread:
+                continue
+            self._turn(handle, thread)
+
+    def kill_all(self) -> None:
+        """End the program; what waits in it is closed."""
+        if self._threads:
+            self._line = self.line
+        # The newest first: the program's own thread may hold what the others need.
+        for handle in reversed(list(self._threads)):
+            self._end(handle)
+
+    # What the program's statements ask for
+
+    def begin(self, body: Code, scope: Scope) -> int:
+        """Another thread; its first turn is in the next tick."""
+        if len(self._threads) >= limits.THREADS:
+            raise ScriptError(f"more than {limits.THREADS} threads at once")
+        self._begun += 1
+        self._threads[self._begun] = _Thread(self, body, scope)
+        return self._begun
+
+    def kill(self, handle: Value) -> None:
+        """End a thread; one that is over stays so."""
+        if not isinstance(handle, int) or isinstance(handle, bool) or not 1 <= handle <= self._begun:
+            raise ScriptError(f"{shown(handle)[:40]} is no thread")
+        if handle in self._threads and self._threads[handle] is self._now:
+            raise ScriptError("a thread cannot kill itself; let it return")
+        self._end(handle)
+
+    def alive(self, handle: Value) -> bool:
+        """Whether a thread still goes on."""
+        if not isinstance(handle, int) or isinstance(handle, bool) or not 1 <= handle <= self._begun:
+            raise ScriptError(f"{shown(handle)[:40]} is no thread")
+        return handle in self._threads
+
+    def halt(self) -> None:
+        """End the program after this statement."""
+        for handle in reversed(list(self._threads)):
+            if self._threads[handle] is not self._now:
+                self._end(handle)
+        self._halted = True
+
+    def enter_critical(self, thread: Running) -> None:
+        """Until ``exit_critical`` no other thread has a turn."""
+        self._critical = thread  # type: ignore[assignment]
+        self._within_critical += 1
+
+    def exit_critical(self, thread: Running) -> None:
+        """The others again."""
+        if self._critical is not thread:
+            raise ScriptError("exit_critical without enter_critical")
+        self._within_critical -= 1
+        if not self._within_critical:
+            self._critical = None
+
+    def _turn(self, handle: int, thread: _Thread) -> None:
+        thread.spent = 0
+        self._now, self._halted = thread, False
+        first = handle == next(iter(self._threads))
+        try:
+            next(thread.work)
+            over = False
+        except StopIteration:
+            over = True
+        except _ITS_OWN as error:
+            self._now = None
+            said = str(error) or type(error).__name__
+            self.error = ScriptError(said if said.startswith("line ") else f"line {thread.line}: {said}")
+            self.kill_all()
+            self._line = thread.line
+            return
+        self._now = None
+        if self._halted or (over and first):
+            self._line = thread.line
+            self.kill_all()
+        elif over:
+            self._end(handle)
+
+    def _end(self, handle: int) -> None:
+        thread = self._threads.pop(handle, None)
+        if thread is None:
+            return
+        if self._critical is thread:
+            self._critical, self._within_critical = None, 0
+        thread.work.close()

@@ -1,0 +1,86 @@
+"""Functions of strings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ur5_twin.errors import ScriptError
+from ur5_twin.wire.urscript.values import is_number, shown, text
+
+
+def _strings(name: str, *values: Any) -> None:
+    for value in values:
+        if not isinstance(value, str):
+            raise ScriptError(f"{name} of {shown(value)[:40]}: not a string")
+
+
+def to_str(val: Any) -> str:
+    """A value as the robot prints it."""
+    return text(shown(val))
+
+
+def to_num(str: Any) -> int | float:
+    """The number that a string is."""
+    _strings("to_num", str)
+    try:
+        return int(str)
+    except ValueError:
+        pass
+    try:
+        return float(str)
+    except ValueError:
+        raise ScriptError(f"to_num of '{str[:40]}': not a number") from None
+
+
+def str_cat(op1: Any, op2: Any) -> str:
+    """One after the other."""
+    return text(shown(op1) + shown(op2))
+
+
+def str_at(src: Any, index: Any) -> str:
+    """The character at a place."""
+    _strings("str_at", src)
+    if not isinstance(index, int) or not 0 <= index < len(src):
+        raise ScriptError(f"str_at: place {shown(index)} of a string of {len(src)}")
+    return src[index]
+
+
+def str_empty(str: Any) -> bool:
+    """Whether a string has no characters."""
+    _strings("str_empty", str)
+    return not str
+
+
+def str_len(str: Any) -> int:
+    """Its characters."""
+    _strings("str_len", str)
+    return len(str)
+
+
+def str_find(src: Any, target: Any, start_from: Any = 0) -> int:
+    """Where a string is in another, from a place on; -1 if it is not."""
+    _strings("str_find", src, target)
+    if not is_number(start_from):
+        raise ScriptError(f"str_find from {shown(start_from)[:40]}: not a place")
+    return src.find(target, int(start_from))
+
+
+def str_sub(src: Any, index: Any, len: Any = -1) -> str:
+    """A part of a string, ``len`` characters long or to its end."""
+    _strings("str_sub", src)
+    if not (isinstance(index, int) and isinstance(len, int) and index >= 0):
+        raise ScriptError(f"str_sub from {shown(index)[:40]}, {shown(len)[:40]} long: not whole numbers")
+    return src[index:] if len < 0 else src[index : index + len]
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "to_str": to_str,
+    "to_num": to_num,
+    "str_cat": str_cat,
+    "str_at": str_at,
+    "str_empty": str_empty,
+    "str_len": str_len,
+    "str_find": str_find,
+    "str_sub": str_sub,
+}
