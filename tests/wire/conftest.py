@@ -6,6 +6,8 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +21,16 @@ from ur5_twin.wire.version import version
 T = TypeVar("T")
 
 
+@dataclass(frozen=True)
+class Said:
+    """As the controller's own messages."""
+
+    kind: str
+    text: str
+    timestamp: float
+    number: int
+
+
 class SwingingController:
     """As ``VirtualController`` to the ports; its signals are sines of its tick."""
 
@@ -30,6 +42,8 @@ class SwingingController:
         self.scripts: list[str] = []
         self.asked: list[Any] = []
         self.moving = moving
+        self.scenario = SimpleNamespace(name="swing")
+        self.operational_mode = "NONE"
         self.extra: dict[str, Value] = {}
         self.paused = threading.Event()
         self._actions: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
@@ -76,8 +90,44 @@ class SwingingController:
         self._actions.append((action, future))
         return future
 
+    def _do(self, what: str, **changes: Value) -> None:
+        self.asked.append(what)
+        self.extra.update(changes)
+
+    def power_on(self) -> None:
+        self._do("power on", robot_mode=5)
+
+    def power_off(self) -> None:
+        self._do("power off", robot_mode=3, runtime_state=1)
+
+    def brake_release(self) -> None:
+        self._do("brake release", robot_mode=7)
+
+    def play(self) -> None:
+        if self.extra.get("robot_mode", 7) != 7:
+            raise WireError("the arm has no power")
+        self._do("play", runtime_state=2)
+
+    def pause(self) -> None:
+        self._do("pause", runtime_state=4)
+
+    def stop(self) -> None:
+        self._do("stop", runtime_state=1)
+
+    def unlock_protective_stop(self) -> None:
+        raise WireError("five seconds have not gone by")
+
+    def close_popup(self) -> None:
+        self._do("close popup")
+
+    def restart_safety(self) -> None:
+        self._do("restart safety")
+
     def write_input(self, name: str, value: Value) -> None:
         self.written.append((name, value))
+
+    def say(self, kind: str, text: str) -> None:
+        self.messages.append(Said(kind, text, self.state.timestamp, len(self.messages)))
 
     def run_script(self, text: str) -> None:
         self.scripts.append(text)

@@ -15,9 +15,11 @@ import numpy as np
 from ur5_twin.errors import WireError
 from ur5_twin.sources.device import Rows
 from ur5_twin.sources.link import SILENCE, Link, LinkLost
-from ur5_twin.wire.realtime_layout import HEADER, SIZES, Field, fields
+from ur5_twin.wire.realtime_layout import HEADER, SIZES, fields, modes_of
 
 PORT = 30003
+#: The newest layout.
+_NEWEST = max(SIZES)
 #: Bytes in a row that are no packet before a stream is given up: dozens of packets of the longest layout.
 _MOST_GARBAGE = 64 * 1024
 #: Layouts that do not exist yet append to the newest one, as all have; more than this is no packet, bytes.
@@ -91,21 +93,16 @@ class Reassembler:
         if self._astray > _MOST_GARBAGE:
             raise WireError(
                 f"{self._astray} bytes without a packet of the real-time interface, the last begin with {head.hex(' ')}; "
-                f"ports {PORT} and 30013 send packets of {SIZES[0]} to {SIZES[-1]} bytes"
+                f"ports {PORT} and 30013 send packets of {min(SIZES)} to {_NEWEST} bytes"
             )
 
 
 def _may_be_a_packet(size: int) -> bool:
-    return size in SIZES or (SIZES[-1] < size <= _LONGEST and (size - HEADER) % 8 == 0)
-
-
-def layout(size: int) -> tuple[Field, ...]:
-    """The signals of packets of a size; of those that are newer than what is known, the known part."""
-    return fields(min(size, SIZES[-1]))
+    return size in SIZES or (_NEWEST < size <= _LONGEST and (size - HEADER) % 8 == 0)
 
 
 def decode(packets: Sequence[bytes], arrival: Sequence[float]) -> Rows:
-    """Rows out of packets of one size, under RTDE's names, in RTDE's units.
+    """Rows out of packets of one size, under RTDE's names, in RTDE's units; modes are those of the later versions.
 
     Args:
         packets: whole, length included.
@@ -115,9 +112,13 @@ def decode(packets: Sequence[bytes], arrival: Sequence[float]) -> Rows:
     doubles = np.frombuffer(b"".join(packet[HEADER:] for packet in packets), dtype=">f8").astype(np.float64)
     values = doubles.reshape(len(packets), (size - HEADER) // 8)
     columns = {}
-    for field in layout(size):
+    # Of packets that are newer than what is known, the known part.
+    for field in fields(min(size, _NEWEST)):
         first = (field.offset - HEADER) // 8
         columns[field.name] = values[:, first : first + field.width]
+    if "robot_mode" in columns and "safety_mode" not in columns:
+        modes = [modes_of(int(mode)) for mode in np.nan_to_num(columns["robot_mode"][:, 0])]
+        columns["robot_mode"], columns["safety_mode"] = np.array(modes, dtype=float).T[:, :, None]
     time_ = columns.pop("timestamp")[:, 0]
     return Rows(time_, np.array(arrival, dtype=float), columns)
 

@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 
 from ur5_twin.errors import TwinError, WireError, unknown
+from ur5_twin.wire.dashboard import DashboardPort
+from ur5_twin.wire.primary import PrimaryPort
+from ur5_twin.wire.realtime import RealtimePort
 from ur5_twin.wire.rtde import RtdePort
 from ur5_twin.wire.state import State
 from ur5_twin.wire.streams import Port, TcpPort
@@ -39,7 +42,12 @@ _CLOSING = 5.0
 
 #: Ports by name, with the robot's number, in the order they are shown.
 NUMBERS = {
+    "dashboard": 29999,
+    "primary": 30001,
+    "secondary": 30002,
+    "realtime": 30003,
     "rtde": 30004,
+    "realtime_readonly": 30013,
 }
 
 
@@ -77,6 +85,7 @@ class Server:
         bind: address to listen at.
         ports: name of a port -> TCP port, where it is not to be the robot's own; 0 takes a free one.
         devices: further ports that are to run beside the controller's, such as sensors.
+        late_packages: whether the real-time interface's packages come as late and as split as on the thesis' robot.
         realtime: a tick each period; False: as fast as the simulation goes, though never faster than the ports.
     """
 
@@ -87,11 +96,12 @@ class Server:
         bind: str = "127.0.0.1",
         ports: Mapping[str, int] | None = None,
         devices: Iterable[Port] = (),
+        late_packages: bool = False,
         realtime: bool = True,
     ) -> None:
         self.controller = controller
         self._realtime = realtime
-        self._ports = [*_build(controller, bind, ports or {}), *devices]
+        self._ports = [*_build(controller, bind, ports or {}, late_packages), *devices]
         self._loop: asyncio.AbstractEventLoop | None = None
         self._io: threading.Thread | None = None
         self._ticker: threading.Thread | None = None
@@ -288,7 +298,7 @@ class Server:
         self._loop.call_soon_threadsafe(self._publish, state)
 
 
-def _build(controller: VirtualController, bind: str, numbers: Mapping[str, int]) -> list[Port]:
+def _build(controller: VirtualController, bind: str, numbers: Mapping[str, int], late: bool) -> list[Port]:
     """The ports that a version of the controller has."""
     for name, number in numbers.items():
         if name not in NUMBERS:
@@ -296,7 +306,7 @@ def _build(controller: VirtualController, bind: str, numbers: Mapping[str, int])
         if not 0 <= number <= 0xFFFF:
             raise WireError(f"{name}={number}: a TCP port is between 0 (a free one) and 65535")
     chosen = NUMBERS | dict(numbers)
-    return [_port(controller, name, bind, chosen[name]) for name in port_names(controller.version)]
+    return [_port(controller, name, bind, chosen[name], late) for name in port_names(controller.version)]
 
 
 def port_names(version: Version) -> list[str]:
@@ -304,8 +314,15 @@ def port_names(version: Version) -> list[str]:
     return [name for name in NUMBERS if name != "rtde" or version.has_rtde]
 
 
-def _port(controller: VirtualController, name: str, bind: str, number: int) -> Port:
+def _port(controller: VirtualController, name: str, bind: str, number: int, late: bool) -> Port:
     match name:
+        case "dashboard":
+            return DashboardPort(controller, bind, number)
+        case "primary" | "secondary":
+            return PrimaryPort(controller, bind, number, secondary=name == "secondary")
         case "rtde":
             return RtdePort(controller, bind, number)
+        case "realtime" | "realtime_readonly":
+            only = name == "realtime_readonly"
+            return RealtimePort(controller, bind, number, read_only=only, late_packages=late)
     raise AssertionError(name)

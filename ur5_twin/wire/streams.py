@@ -33,6 +33,8 @@ _FULL = 128 * 1024
 _KERNEL_BUFFER = 64 * 1024
 #: A client that took nothing for this long while its buffer was full is cut, s.
 _PATIENCE = 5.0
+#: The controller's tick thread answers within this, s, or not at all.
+_ANSWER = 5.0
 
 
 class CutOff(Exception):
@@ -85,7 +87,7 @@ class Client(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
         self._full = False
         self._stuck: asyncio.TimerHandle | None = None
-        self._waiting = 0
+        self._unsent = 0
         self._dropped_by_us = False
 
     # What the ports' clients fill in.
@@ -101,7 +103,7 @@ class Client(asyncio.Protocol):
         """
 
     def ended(self, *, by_client: bool) -> None:
-        """The connection is gone; ``by_client``: it closed it properly, after all it had to say."""
+        """The connection is gone; ``by_client``: not because of us."""
 
     # What they use.
 
@@ -193,7 +195,8 @@ class Client(asyncio.Protocol):
             return
         self._transport = None
         self.port.forget(self)
-        self.ended(by_client=exc is None and not self._dropped_by_us)
+        # Who closes without having read all resets the connection; that is no less an end.
+        self.ended(by_client=not self._dropped_by_us)
 
     def pause_writing(self) -> None:
         self._full = True
@@ -213,11 +216,11 @@ class Client(asyncio.Protocol):
         if not self.cut_when_stuck or self._transport is None:
             return
         left = self._transport.get_write_buffer_size()
-        if self._stuck is not None and left >= self._waiting:
+        if self._stuck is not None and left >= self._unsent:
             self._stuck = None
             self.cut(f"it read nothing for {_PATIENCE:g} s")
             return
-        self._waiting = left
+        self._unsent = left
         self._stuck = asyncio.get_running_loop().call_later(_PATIENCE, self._watch)
 
 
@@ -231,7 +234,7 @@ class TcpPort(Generic[C]):
     """
 
     #: The name that ``--ports`` uses.
-    name: ClassVar[str] = "port"
+    name: str = "port"
     #: Whether a client is still read from while it does not take what is sent to it: what comes in asks for no answer.
     reads_while_full: ClassVar[bool] = True
 
@@ -317,9 +320,15 @@ class TcpPort(Generic[C]):
         """Have the tick thread do something, and wait for it.
 
         Raises:
-            WireError: too much is asked for at a time, or the action itself failed.
+            WireError: too much is asked for at a time, the controller does not tick, or the action itself failed.
         """
-        return await asyncio.wrap_future(self.controller.post(action))
+        asked = asyncio.wrap_future(self.controller.post(action))
+        # Not awaited itself: a client that leaves must not take back what the tick thread is about to do.
+        asked.add_done_callback(lambda done: done.cancelled() or done.exception())
+        await asyncio.wait([asked], timeout=_ANSWER)
+        if not asked.done():
+            raise WireError(f"the controller has not ticked for {_ANSWER:g} s")
+        return asked.result()
 
 
 class Lines:
