@@ -3,7 +3,7 @@
 ``MAGIC``, then blocks: length of the body and its CRC-32 as 32-bit integers, then the body, a letter and
 
 - ``H``: JSON with schema and source; the first block;
-- ``D``: JSON with a device's name, host start, and columns with their widths, before its first rows; devices count from 0;
+- ``D``: JSON with a device's name, host start and columns with their widths, before its first rows; counted from 0;
 - ``R``: number of the device and of rows (two 32-bit integers), then time and each column, row by row, 64-bit floats;
 - ``N``: JSON with a note.
 
@@ -186,9 +186,7 @@ def read_journal(path: Path | str) -> Recording:
     return Recording(tables, header.source, FORMAT, tuple(notes))
 
 
-def _blocks(
-    raw: memoryview, name: str
-) -> tuple[_Header | None, list[_Device], list[list[np.ndarray]], list[Note]]:
+def _blocks(raw: memoryview, name: str) -> tuple[_Header | None, list[_Device], list[list[np.ndarray]], list[Note]]:
     """Everything in a journal up to where it is cut off: the header, and per device what it is and its rows."""
     header: _Header | None = None
     devices: list[_Device] = []
