@@ -23,7 +23,7 @@ from ur5_twin.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ur5_twin.sources.link import Link
+    from ur5_twin.sources.live import RealtimeSource, RtdeSource
 
 EXAMPLES = """[bold]Examples[/bold]
 
@@ -162,14 +162,15 @@ def live(
         session.note(f"from {source.describe()}")
         with live_line(source.describe(), next(iter(estimators), None)) as tell:
             run(source, session, views, stop=stop, duration=duration, tell=tell)
+    status = session.status()
     facts = {"live": host, "source": source.describe(), "estimators": list(estimators), **session.facts()}
     if folder is not None:
         session.finish({"command": command_line()})
         write_text(folder / "report.json", render_json(facts))
-    show_live(session.status(), session.notes, folder)
+    show_live(status, session.notes, folder)
 
 
-def _connect(host: str, port: str, frequency: float | None) -> Link:
+def _connect(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
     from ur5_twin.sources import live
 
     if port in ("auto", "rtde", "realtime"):

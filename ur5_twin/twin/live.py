@@ -8,6 +8,7 @@ import numpy as np
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.drive import LinearDrive
+from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.control.held import Held
 from ur5_twin.errors import ReplayError, SimulationError
 from ur5_twin.twin.lockstep import LONGEST_GAP
@@ -42,6 +43,7 @@ class LiveTwin:
         self._settings = settings
         self._loop, self._twin = new_twin(settings)
         self._simulated = settings.mode == "servo" and settings.joints is not None
+        self._believed = Dynamics(settings.model)
         self._held = Held()
         self._last: float | None = None
         self.restarts = self.failures = 0
@@ -118,5 +120,6 @@ class LiveTwin:
             speed = said["qd"] if settings.mode == "servo" else columns["actual_qd"]
             predicted["sim_actual_current"] = settings.drive.current(said["moment"], speed)
         if has_targets:
-            predicted |= target_columns(settings, *(columns[name] for name in _TARGETS))
+            targets = (columns[name] for name in _TARGETS)
+            predicted |= target_columns(self._believed, settings.target_current, *targets)
         return predicted
