@@ -13,6 +13,8 @@ from ur5_twin.twin.lockstep import LONGEST_GAP
 
 #: A row that comes so many periods later after the one before it than its stamp says is late.
 _LATE = 0.75
+#: Stamps that differ by less are the same, s.
+_SAME = 1e-6
 #: The shortest tick any controller has, s.
 _SHORTEST = 0.002
 #: A stamp that is ahead of what the host's clock allows by more than this is a jump, s.
@@ -103,7 +105,7 @@ class Watch:
         if math.isnan(self._stamp):
             return self._take(stamp, arrival, stamp)
         step = stamp - self._stamp
-        if step == 0.0:
+        if 0.0 <= step < _SAME:
             counts.repeated += 1
             return None
         if step < 0.0 or stamp - arrival - self._best > _AHEAD:

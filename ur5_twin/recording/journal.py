@@ -92,7 +92,8 @@ class Journal:
             RecordingError: the columns are others than before, or the file cannot be written.
         """
         n = len(time)
-        values = {name: np.asarray(column, dtype="<f8").reshape(n, -1) for name, column in columns.items()}
+        values = {name: np.asarray(column, dtype="<f8") for name, column in columns.items()}
+        values = {name: column[:, None] if column.ndim == 1 else column for name, column in values.items()}
         if device not in self._devices:
             if n == 0:
                 return

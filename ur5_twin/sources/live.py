@@ -171,7 +171,7 @@ def has_ur_rtde() -> bool:
     return find_spec("rtde_receive") is not None
 
 
-def _started(source: Link) -> RtdeSource | RealtimeSource:
+def _started(source: S) -> S:
     source.start()
     return source
 

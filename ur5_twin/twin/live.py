@@ -105,10 +105,13 @@ class LiveTwin:
         has_targets: bool,
     ) -> dict[str, np.ndarray]:
         settings = self._settings
+        known = np.isfinite(said["q"]).all(axis=1)
+        pose = np.full_like(said["q"], np.nan)
+        pose[known] = kinematics.tcp_pose(settings.model, said["q"][known])
         predicted = {
             "sim_actual_q": said["q"],
             "sim_actual_qd": said["qd"],
-            "sim_actual_TCP_pose": kinematics.tcp_pose(settings.model, said["q"]),
+            "sim_actual_TCP_pose": pose,
             "sim_moment": said["moment"],
         }
         # Where the twin begins again it is where the robot is, by definition.
