@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +16,7 @@ from ur5_twin.cli.common import (
     complete_tools,
     quiet_engine,
     replay_settings,
+    stop_signals,
 )
 
 if TYPE_CHECKING:
@@ -155,8 +152,7 @@ def live(
     name = f"live-{host}"
     folder = _folder(out, name) if record else None
     source = _connect(host, port, frequency)
-    stop = threading.Event()
-    with _stopped_by_signals(stop):
+    with stop_signals() as stop:
         views = [RerunLive(told.plant, name, spawn=rerun, save=save, connect=connect)] if drawn else []
         session = Session(name, estimators=estimators, twin=twin, folder=folder, seconds=60.0 * keep)
         session.note(f"from {source.describe()}")
@@ -193,18 +189,3 @@ def _folder(out: Path | None, name: str) -> Path:
         if (folder / file).exists():
             raise RecordingError(f"{folder / file} exists already, and what was measured is never written over")
     return folder
-
-
-@contextmanager
-def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM set ``stop`` inside; not where this is no main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(kind, lambda *_: stop.set()) for kind in kinds]
-    try:
-        yield
-    finally:
-        for kind, handler in zip(kinds, before, strict=True):
-            signal.signal(kind, handler)
