@@ -13,6 +13,8 @@ import argparse
 import math
 from pathlib import Path
 
+from lab_runs import FREE, PUSHED
+
 from ur5_twin.arm.drive import load_drive, load_joint_drives
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.gains import load_gains
@@ -23,19 +25,6 @@ from ur5_twin.recording import read
 from ur5_twin.recording.force_sensor import FT_DELAY
 from ur5_twin.twin.replay import ReplaySettings, replay
 
-PUSHED = (
-    "Movement_No9_Singularity_Free_ForceSensor",
-    "Movement_No10_Standstill_ForceSensor_Fx",
-    "Movement_No10_Standstill_ForceSensor_All",
-)
-FREE = (
-    "Movement_No3_Acc",
-    "Movement_No4_Acc",
-    "Movement_No5_Acc_slow_no_disturbance",
-    "Movement_No6_Acc_slow_Verify_Model",
-    "Movement_No9_Singularity_Free_NoDist",
-)
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -44,8 +33,8 @@ def main() -> None:
     parser.add_argument("--joints", default="plant")
     options = parser.parse_args()
     drives, gains = load_joint_drives(options.joints), load_gains(options.gains)
-    for name in PUSHED + FREE:
-        pushed = name in PUSHED
+    for name in (f"Movement_{run}" for run in PUSHED + FREE):
+        pushed = name.removeprefix("Movement_") in PUSHED
         settings = ReplaySettings(
             model=load_model("controller"),
             plant=load_model("plant", "ati_gamma" if pushed else None),

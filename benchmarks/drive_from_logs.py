@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
+from lab_runs import FREE
 
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.control.target_current import load_target_current_law
@@ -22,14 +23,6 @@ from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
 from ur5_twin.identification import drive, drive_plant
 from ur5_twin.recording import read
 
-#: Free motion, all with the accelerometer on the flange.
-FREE = (
-    "No3_Acc",
-    "No4_Acc",
-    "No5_Acc_slow_no_disturbance",
-    "No6_Acc_slow_Verify_Model",
-    "No9_Singularity_Free_NoDist",
-)
 TOOL = "xsens_mti"
 #: Rows of a window at constant speed, 0.38 s.
 WINDOW = 48

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from lab_runs import FREE, PUSHED, THESIS_RUN
 
 from ur5_twin import spatial
 from ur5_twin.arm import kinematics
@@ -30,15 +31,6 @@ from ur5_twin.identification import drive
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 
-FREE = (
-    "No3_Acc",
-    "No4_Acc",
-    "No5_Acc_slow_no_disturbance",
-    "No6_Acc_slow_Verify_Model",
-    "No9_Singularity_Free_NoDist",
-)
-THESIS_RUN = "No9_Singularity_Free_ForceSensor"
-PUSHED = (THESIS_RUN, "No10_Standstill_ForceSensor_Fx", "No10_Standstill_ForceSensor_All")
 OURS = "friction_kalman"
 HEAD = ("", "Fx N", "Fy N", "Fz N", "Mx Nm", "My Nm", "Mz Nm")
 #: Tables 6.1 and 6.2 as printed: mean and largest error of F^u, F and F*.

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from lab_runs import FREE
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import load_model
@@ -35,13 +36,6 @@ from ur5_twin.identification import drive
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
 
-FREE = (
-    "No3_Acc",
-    "No4_Acc",
-    "No5_Acc_slow_no_disturbance",
-    "No6_Acc_slow_Verify_Model",
-    "No9_Singularity_Free_NoDist",
-)
 TOOL = "xsens_mti"
 #: Of the pushes, N, s, and how far from the flange along each axis, m.
 PUSHES = {

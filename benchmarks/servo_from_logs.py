@@ -12,6 +12,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+from lab_runs import THESIS_RUN
 from scipy.spatial import KDTree
 
 from ur5_twin.arm.parameters import load_model
@@ -29,7 +30,7 @@ FORGOTTEN = 100
 DELAYS = np.arange(0.0, 0.161, 0.005)
 WRENCH = ("Fx N", "Fy N", "Fz N", "Mx Nm", "My Nm", "Mz Nm")
 INPUTS = ("actual_q", "actual_qd", "actual_current", "target_qd", "target_moment", "target_current")
-PUSHED, SAME_PATH = "No9_Singularity_Free_ForceSensor", "No9_Singularity_Free_NoDist"
+SAME_PATH = "No9_Singularity_Free_NoDist"
 RIDES = ("No3_", "No4_", "No5_", "No6_", "No9_Singularity_Free_NoDist")
 
 
@@ -144,7 +145,7 @@ def main() -> None:
         way = 1e3 * (still[n].robot["actual_q"] - still[n].robot["actual_q"][0])[:, joint]
         print(f"joint {joint + 1} moves {way.min():.3f} to {way.max():.3f} mrad in {still[n].source}")
 
-    delay, table = sensor_delay(named[PUSHED], named[SAME_PATH], law)
+    delay, table = sensor_delay(named[THESIS_RUN], named[SAME_PATH], law)
     print(f"\none path free and pushed; the force sensor comes {delay * 1e3:.0f} ms late:\n\n{table}\n")
     arm = load_model("plant", "ati_gamma")
     assert arm.tool is not None
@@ -153,8 +154,8 @@ def main() -> None:
         for name, r in named.items()
         if name.startswith(RIDES)
     ]
-    contact = servo.external_torque(named[PUSHED], arm, arm.tool.sensors["ati_gamma"], delay)
-    pushed = terms.ride(named[PUSHED], arm, law, tau_ext=contact)
+    contact = servo.external_torque(named[THESIS_RUN], arm, arm.tool.sensors["ati_gamma"], delay)
+    pushed = terms.ride(named[THESIS_RUN], arm, law, tau_ext=contact)
     print("friction and torque constants, free and pushed logs together:\n")
     print_fit(drive_plant.fit_plant([*rides, pushed]))
     print("\nfree logs only:\n")

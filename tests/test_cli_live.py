@@ -1,81 +1,107 @@
-"""``ur5-twin live`` beside a served cell, with the real client and over the real-time interface."""
+"""``ur5-twin live`` as its users run it, beside the virtual controller and beside a stream that was made."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ur5_twin.estimation.nominal import load_nominal
-from ur5_twin.estimation.registry import create
-from ur5_twin.estimation.samples import estimate, samples_of
+from ur5_twin.estimation import create, estimate, load_nominal, samples_of
+from ur5_twin.evaluation.estimate_report import estimate_columns
 from ur5_twin.recording import read
 from ur5_twin.scenario import load_scenario
 from ur5_twin.wire.controller import VirtualController
-from ur5_twin.wire.server import Server
+from ur5_twin.wire.server import Server, port_names
 from ur5_twin.wire.version import version
 
-_PID = os.getpid()
-#: ur_rtde knows no port but 30004: a loopback address of this process' own keeps others' robots apart.
-HOST = f"127.{128 + (_PID >> 16 & 63)}.{_PID >> 8 & 255}.{max(_PID & 255, 1)}"
+
+@pytest.fixture
+def served() -> Iterator[int]:
+    """A scenario behind free ports; the port of its real-time interface."""
+    controller = VirtualController(load_scenario("press_plate"), version("3.x"))
+    with Server(controller, ports=dict.fromkeys(port_names(controller.version), 0)) as server:
+        yield server.addresses["realtime"][1]
 
 
-def live(*arguments: str, cwd: Path) -> subprocess.Popen:
+def started(folder: Path, port: int, *options: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "ur5_twin.cli", "live", "127.0.0.1", "--port", str(port), "--out", str(folder)]
     return subprocess.Popen(
-        [sys.executable, "-m", "ur5_twin.cli", "live", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        [*command, *map(str, options)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
     )
 
 
-@pytest.mark.parametrize("way", ["rtde", "realtime"])
-def test_beside_a_served_contact(way: str, tmp_path: Path) -> None:
-    """The twin follows through a contact; Ctrl-C loses nothing; afterwards the estimates are the same."""
-    controller = VirtualController(load_scenario("press_plate"), version("3.x"))
-    with Server(controller, bind=HOST):
-        process = live(
-            HOST, "--port", way, "--tool", "ati_gamma+ball_probe", "-o", "out", "--save", "twin.rrd", cwd=tmp_path
-        )
-        journal = tmp_path / "out" / "recording.journal"
-        began = time.monotonic()
-        while time.monotonic() - began < 60.0 and process.poll() is None:
-            time.sleep(0.25)
-            # Some seconds of rows have reached the file.
-            if journal.exists() and journal.stat().st_size > 2_000_000:
-                break
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+def wait_for_rows(folder: Path, size: int = 150_000) -> None:
+    end = time.monotonic() + 40.0
+    journal = folder / "recording.journal"
+    while time.monotonic() < end and not (journal.exists() and journal.stat().st_size > size):
+        time.sleep(0.05)
+
+
+def test_a_run_leaves_a_recording_that_says_the_same_again(
+    run: Callable[..., tuple[int, str, str]], served: int, tmp_path: Path
+) -> None:
+    arguments = ("127.0.0.1", "--port", served, "--out", "out", "--tool", "ati_gamma+ball_probe", "--duration", 4)
+    code, out, err = run("live", *arguments, "--save", "live.rrd")
+    assert (code, "written to out" in out) == (0, True), err
+    assert (tmp_path / "live.rrd").stat().st_size > 100_000
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["recording.parquet", "report.json"]
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    log = read(tmp_path / "out")
+    assert report["counts"]["rows"] == len(log.robot)
+    assert report["counts"]["lost"] == 0
+    nominal = load_nominal(tool="ati_gamma+ball_probe")
+    again = estimate_columns("k", estimate(create("friction_kalman", nominal), samples_of(log)))
+    for what in ("wrench", "tau_ext", "deviation", "contact"):
+        np.testing.assert_array_equal(log.robot[f"est_friction_kalman_{what}"], again[f"est_k_{what}"])
+    # The twin follows the served arm.
+    off = np.abs(log.robot["actual_q"] - log.robot["sim_actual_q"])
+    assert np.nanmax(off) < 5e-3
+    assert run("live", *arguments)[0] == 2  # what was measured is never written over
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order(served: int, tmp_path: Path, how: signal.Signals) -> None:
+    process = started(tmp_path / "out", served, "--mode", "none", "-e", "none")
+    wait_for_rows(tmp_path / "out")
+    process.send_signal(how)
+    out, err = process.communicate(timeout=30)
     assert process.returncode == 0, err
-    assert "written to out" in out
-    assert not journal.exists()
-    recording = read(tmp_path / "out")
-    robot = recording.robot
-    assert len(robot) > 300
-    assert (tmp_path / "twin.rrd").stat().st_size > 100_000
-    offline = estimate(create("friction_kalman", load_nominal("plant", "ati_gamma+ball_probe")), samples_of(recording))
-    np.testing.assert_array_equal(robot["est_friction_kalman_wrench"], offline.wrench)
-    off = np.nan_to_num(np.abs(robot["sim_actual_q"] - robot["actual_q"]))
-    # Free of contact the twin is within milliradians; pressed, as far as the plate yields.
-    assert np.median(off) < 5e-3
-    assert off.max() < 0.05
+    assert "written to" in out
+    assert "Traceback" not in err
+    assert len(read(tmp_path / "out").robot) > 100
 
 
-def test_nobody_there_is_said(tmp_path: Path) -> None:
-    process = live("127.0.0.1", "--port", "1", cwd=tmp_path)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert "no connection" in err
-    assert not (tmp_path / "out").exists()
-    process = live("127.0.0.1", "--port", "telepathy", cwd=tmp_path)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert "--port telepathy" in err
+def test_killed_at_any_moment_what_came_is_readable(served: int, tmp_path: Path) -> None:
+    process = started(tmp_path / "out", served, "--mode", "none", "-e", "direct")
+    wait_for_rows(tmp_path / "out")
+    process.kill()
+    process.communicate(timeout=30)
+    log = read(tmp_path / "out")
+    assert len(log.robot) > 100
+    assert "est_direct_wrench" in log.robot
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--port", "carrier-pigeon"), "none of auto, rtde, realtime and no TCP port"),
+        (("--port", "1"), "127.0.0.1:1: no real-time interface"),
+        (("--estimator", "kalman"), "unknown estimator 'kalman'"),
+        (("--model", "z"), "unknown"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(
+    run: Callable[..., tuple[int, str, str]], arguments: tuple[str, ...], said: str
+) -> None:
+    code, _, err = run("live", "127.0.0.1", *arguments)
+    assert code == 2
+    assert said in err
+    assert len(err.strip().splitlines()) == 1

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ur5_twin.cli.common import quiet_engine
+from ur5_twin.cli.common import quiet_engine, stop_signals
 
 if TYPE_CHECKING:
     from ur5_twin.wire.server import Server
@@ -89,7 +85,7 @@ def serve(
     loaded = load_scenario(scenario or _ALONE)
     if seed is not None:
         loaded = replace(loaded, seed=seed)
-    with _stop_signals() as stop:
+    with stop_signals() as stop:
         controller = VirtualController(loaded, software, run=not idle)
         controller.reaches_out = not _is_loopback(bind)
         server = Server(controller, bind=bind, ports=numbers, late_packages=late_packages, realtime=realtime)
@@ -151,15 +147,3 @@ def _is_loopback(bind: str) -> bool:
         return ipaddress.ip_address(bind).is_loopback
     except ValueError:
         return bind == "localhost"
-
-
-@contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set instead of ending the process."""
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

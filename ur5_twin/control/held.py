@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 #: Deceleration that ends a move and is no rounding, rad/s^2.
 BRAKING = 1e-2
 
 
-def commanded(target: np.ndarray) -> np.ndarray:
+def commanded(target: np.ndarray, begins: np.ndarray | None = None) -> np.ndarray:
     """Targets (n, 3, 6) as the servo holds them, from the ones that are published.
 
     While the arm is idle the real controller publishes as target_q what it measured a tick earlier, and so a push at
@@ -16,7 +18,14 @@ def commanded(target: np.ndarray) -> np.ndarray:
     Rows without target velocity and acceleration therefore hold the end of the last move, or the first row. Where rows
     are missing the last row of a move is not its end; it is where that row's deceleration brings the joint to rest,
     q + qd |qd| / (2 |qdd|).
+
+    Args:
+        target: target_q, target_qd, target_qdd; rad, rad/s, rad/s^2.
+        begins: (n,) rows before which nothing is known to be held, besides the first: a silence, a restart.
     """
+    if begins is not None and begins[1:].any():
+        starts = [0, *(np.flatnonzero(begins[1:]) + 1), len(target)]
+        return np.concatenate([commanded(target[a:b]) for a, b in pairwise(starts)])
     q, qd, qdd = target[:, 0], target[:, 1], target[:, 2]
     idle = np.asarray(~target[:, 1:].any(axis=(1, 2)))
     braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
@@ -27,21 +36,24 @@ def commanded(target: np.ndarray) -> np.ndarray:
     return held
 
 
-class Holding:
-    """``commanded`` row by row, for targets that come one at a time."""
+class Held:
+    """``commanded``, row by row."""
 
     def __init__(self) -> None:
         self._end: np.ndarray | None = None
 
+    def forget(self) -> None:
+        """Nothing is known to be held: the next row begins anew."""
+        self._end = None
+
     def update(self, target: np.ndarray) -> np.ndarray:
-        """The next target (3, 6) as the servo holds it."""
+        """The target (3, 6) of the next row as the servo holds it."""
         q, qd, qdd = target
-        if self._end is None:
-            self._end = q
-        if not target[1:].any():
-            held = target.copy()
-            held[0] = self._end
-            return held
-        braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
-        self._end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
-        return target
+        if target[1:].any():
+            braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
+            self._end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
+            return target
+        end = self._end
+        if end is None:
+            end = self._end = q.copy()
+        return np.stack([end, qd, qdd])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,13 +47,17 @@ def samples_of(recording: Recording) -> Iterator[Sample]:
             f"{recording.source}: no {', '.join(missing)}; an estimator needs {', '.join(TORQUE_SIGNALS)}"
         )
     table = recording.aligned()
-    n = len(table)
-    columns = [
-        np.ascontiguousarray(table[name]) if name in table else np.full((n, COLUMN_WIDTHS[name]), np.nan)
+    yield from samples_from(table[_STAMP][:, 0] if _STAMP in table else table.time, table.columns)
+
+
+def samples_from(time: np.ndarray, columns: Mapping[str, np.ndarray]) -> Iterator[Sample]:
+    """The samples of rows (n, width) at (n,) s; what the columns do not hold is NaN."""
+    n = len(time)
+    fields = [
+        np.ascontiguousarray(columns[name]) if name in columns else np.full((n, COLUMN_WIDTHS[name]), np.nan)
         for name in Sample._fields[1:]
     ]
-    time = table[_STAMP][:, 0] if _STAMP in table else table.time
-    for row in zip(time.tolist(), *columns, strict=True):
+    for row in zip(time.tolist(), *fields, strict=True):
         yield Sample(*row)
 
 

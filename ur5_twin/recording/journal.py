@@ -1,21 +1,24 @@
-"""A recording while it is made: a file that only grows, and that can be read whenever its writer is killed.
+"""A recording while it is made: a file that only grows, and can be read whenever the process that wrote it is killed.
 
-After ten bytes of magic come blocks: kind (one byte), length and CRC-32 of what follows (two little-endian uint32), and
-that. ``H`` is JSON with schema and source; ``S`` JSON with a device's name, host start, columns and widths; ``D`` one
-byte with the device's number in the order of the ``S`` blocks, a uint32 with the number of rows, and those as float64,
-little-endian: time, then column by column; ``N`` JSON with a note. A block that is cut off or whose checksum differs
-ends what is read.
+``MAGIC``, then blocks: length of the body and its CRC-32 as 32-bit integers, then the body, a letter and
+
+- ``H``: JSON with schema and source; the first block;
+- ``D``: JSON with a device's name, host start and columns with their widths, before its first rows; counted from 0;
+- ``R``: number of the device and of rows (two 32-bit integers), then time and each column, row by row, 64-bit floats;
+- ``N``: JSON with a note.
+
+All little-endian. A body that is cut off, or does not have its checksum, ends the file: what comes before it counts.
 """
 
 from __future__ import annotations
 
 import os
 import struct
-import time
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO, Self
 
 import msgspec
 import numpy as np
@@ -24,17 +27,13 @@ from ur5_twin.errors import RecordingError
 from ur5_twin.recording import checks
 from ur5_twin.recording.table import Note, Recording, Table
 
-MAGIC = b"UR5TWIN-J\n"
-#: The journal in a folder of ``ur5-twin live`` or ``record``.
-JOURNAL_FILE = "recording.journal"
-FORMAT = "journal"
+MAGIC = b"UR5TWINJ"
 SCHEMA = 1
-_BLOCK = struct.Struct("<cII")
-_DATA = struct.Struct("<BI")
-#: Rows wait in memory no longer than this, s.
-_FLUSH = 0.5
-#: Devices whose clocks may repeat stamps.
-_SENSORS = ("ft", "imu")
+FORMAT = "journal"
+_BLOCK = struct.Struct("<II")
+_ROWS = struct.Struct("<II")
+#: A body longer than this is no body but damage, bytes.
+_LONGEST = 1 << 28
 
 
 class _Header(msgspec.Struct, frozen=True):
@@ -44,239 +43,200 @@ class _Header(msgspec.Struct, frozen=True):
 
 class _Device(msgspec.Struct, frozen=True):
     name: str
-    columns: dict[str, int]
     host_start: float | None
+    columns: dict[str, int]
 
 
 class _Note(msgspec.Struct, frozen=True):
     where: str
     what: str
+    repaired: bool
 
 
 class Journal:
-    """The file, being written.
-
-    Rows reach the file half a second after they were given at the latest, and the disk (``fsync``) at ``close``: what a
-    kill of the process costs is half a second, what a power cut costs is up to the operating system.
+    """Writes a recording as it is made. What ``append`` has returned from survives the end of this process.
 
     Args:
-        path: the file; it must not exist.
+        path: the file; there must be none yet.
         source: what the recording is called.
+        host_start: POSIX time at zero of the devices' clocks, s: one for all, or by device.
 
     Raises:
-        RecordingError: it exists, or cannot be written.
+        RecordingError: there is such a file already, or it cannot be written.
     """
 
-    def __init__(self, path: Path | str, *, source: str) -> None:
+    def __init__(
+        self, path: Path | str, *, source: str, host_start: float | Mapping[str, float | None] | None = None
+    ) -> None:
         self.path = Path(path)
+        self._host_start = host_start
+        self._devices: dict[str, tuple[int, dict[str, int]]] = {}
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("xb")
+            self._file: BinaryIO | None = self.path.open("xb", buffering=0)
         except FileExistsError:
-            raise RecordingError(f"{self.path}: there is a recording already; give another folder (--out)") from None
+            raise RecordingError(f"{path}: exists already; a journal is never written over") from None
         except OSError as error:
-            raise RecordingError(f"{self.path}: cannot be written ({error.strerror or error})") from None
-        self._devices: dict[str, _Device] = {}
-        self._waiting: dict[str, list[tuple[np.ndarray, Mapping[str, np.ndarray]]]] = {}
-        self._flushed = time.monotonic()
-        self.rows: dict[str, int] = {}
-        self._file.write(MAGIC)
-        self._write(b"H", msgspec.json.encode(_Header(SCHEMA, source)))
-        self._file.flush()
-
-    def begin(self, device: str, columns: Mapping[str, int], host_start: float | None = None) -> None:
-        """Announce a device.
-
-        Args:
-            device: ``robot``, ``ft`` or ``imu``.
-            columns: name -> width.
-            host_start: POSIX time in s of the host's clock at the device's time 0, if it is known.
-
-        Raises:
-            RecordingError: it was announced before.
-        """
-        if device in self._devices:
-            raise RecordingError(f"{self.path.name}: device '{device}' has begun already")
-        self._devices[device] = _Device(device, dict(columns), host_start)
-        self._waiting[device], self.rows[device] = [], 0
-        self._write(b"S", msgspec.json.encode(self._devices[device]))
+            raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from None
+        self._write(MAGIC)
+        self._block(b"H", msgspec.json.encode(_Header(SCHEMA, source)))
 
     def append(self, device: str, time: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
-        """Add rows of a device: times (n,) s on its clock, and its columns (n, width).
+        """Add rows of a device.
+
+        Args:
+            device: ``robot``, ``ft`` or ``imu``; its columns are those of its first rows.
+            time: (n,) s on its clock.
+            columns: name -> (n,) or (n, width).
 
         Raises:
-            RecordingError: the device was not announced, or its columns are others.
+            RecordingError: the columns are others than before, or the file cannot be written.
         """
-        known = self._devices.get(device)
-        if known is None or columns.keys() != known.columns.keys():
+        n = len(time)
+        values = {name: np.asarray(column, dtype="<f8") for name, column in columns.items()}
+        values = {name: column[:, None] if column.ndim == 1 else column for name, column in values.items()}
+        if device not in self._devices:
+            if n == 0:
+                return
+            widths = {name: column.shape[1] for name, column in values.items()}
+            start = self._host_start
+            started = start.get(device) if isinstance(start, Mapping) else start
+            self._block(b"D", msgspec.json.encode(_Device(device, started, widths)))
+            self._devices[device] = (len(self._devices), widths)
+        number, widths = self._devices[device]
+        if {name: column.shape[1] for name, column in values.items()} != widths and n:
             raise RecordingError(
-                f"{self.path.name}: device '{device}' has not begun"
-                if known is None
-                else f"{self.path.name}: device '{device}' began with other columns ({', '.join(known.columns)})"
+                f"{self.path.name}: device '{device}' had the columns {', '.join(widths)} before, "
+                f"now {', '.join(values)}; a device's columns stay the same"
             )
-        self._waiting[device].append((time, columns))
-        self.rows[device] += len(time)
-        self.flush_if_due()
+        if n:
+            table = np.concatenate([np.asarray(time, dtype="<f8")[:, None], *(values[name] for name in widths)], axis=1)
+            self._block(b"R", _ROWS.pack(number, n), np.ascontiguousarray(table).data.cast("B"))
 
-    def note(self, where: str, what: str) -> None:
-        """Add a finding, for the recording's notes."""
-        self._write(b"N", msgspec.json.encode(_Note(where, what)))
-
-    def flush_if_due(self) -> None:
-        """Bring what has waited long enough to the file."""
-        if time.monotonic() - self._flushed >= _FLUSH:
-            self.flush()
+    def note(self, note: Note) -> None:
+        """Add a note."""
+        self._block(b"N", msgspec.json.encode(_Note(note.where, note.what, note.repaired)))
 
     def flush(self) -> None:
-        """Bring all rows to the file."""
-        self._flushed = time.monotonic()
-        for number, (device, pieces) in enumerate(self._waiting.items()):
-            if not pieces:
-                continue
-            stamps = np.concatenate([piece[0] for piece in pieces])
-            body = [_DATA.pack(number, len(stamps)), np.asarray(stamps, dtype="<f8").tobytes()]
-            for name, width in self._devices[device].columns.items():
-                values = np.concatenate([np.reshape(piece[1][name], (-1, width)) for piece in pieces])
-                body.append(np.ascontiguousarray(values, dtype="<f8").tobytes())
-            self._write(b"D", b"".join(body))
-            pieces.clear()
-        try:
-            self._file.flush()
-        except OSError as error:
-            raise RecordingError(f"{self.path}: cannot be written ({error.strerror or error})") from None
+        """Let what was appended survive a power cut too."""
+        if self._file is not None:
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Bring all to the disk; after that nothing more can be added."""
-        if self._file.closed:
-            return
-        self.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
+        """Finish the file."""
+        if self._file is not None:
+            self.flush()
+            self._file.close()
+            self._file = None
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
 
-    def _write(self, kind: bytes, body: bytes) -> None:
-        # One write a block: a kill cuts between blocks wherever the system does not split a write.
+    def _block(self, *parts: bytes | memoryview) -> None:
+        crc = 0
+        for part in parts:
+            crc = zlib.crc32(part, crc)
+        self._write(b"".join((_BLOCK.pack(sum(map(len, parts)), crc), *parts)))
+
+    def _write(self, data: bytes) -> None:
+        if self._file is None:
+            raise RecordingError(f"{self.path}: the journal is closed")
+        view = memoryview(data)
         try:
-            self._file.write(_BLOCK.pack(kind, len(body), zlib.crc32(body)) + body)
+            while view:
+                # A full disk may take a part; the rest is tried again and then says so.
+                view = view[self._file.write(view) :]
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written ({error.strerror or error})") from None
 
 
-def read_journal(path: Path | str, *, repair: bool = False) -> Recording:
-    """Read a journal, also one that is still being written or whose writer was killed.
+def read_journal(path: Path | str) -> Recording:
+    """Read a journal, finished or not.
 
     Args:
         path: the file.
-        repair: drop rows that are broken, with a note each.
+
+    Returns:
+        What was appended; a last block that is cut off is left out, with a note.
 
     Raises:
-        RecordingError: it is none, holds no row of the robot, or something in it is broken and ``repair`` is off.
+        RecordingError: it is no journal, of a newer schema, or holds no rows of a robot.
     """
     path = Path(path)
     try:
-        raw = path.read_bytes()
+        raw = memoryview(path.read_bytes())
     except OSError as error:
         raise RecordingError(f"{path.name}: cannot be read ({error.strerror or error})") from None
-    if not raw.startswith(MAGIC):
-        raise RecordingError(f"{path.name}: not a journal of ur5-twin")
-    source = path.stem
+    if raw[: len(MAGIC)] != MAGIC:
+        raise RecordingError(f"{path.name}: no journal of ours")
+    try:
+        header, devices, pieces, notes = _blocks(raw, path.name)
+    except (msgspec.DecodeError, msgspec.ValidationError, struct.error, ValueError, IndexError) as error:
+        raise RecordingError(f"{path.name}: whole, but not what a journal holds ({error})") from None
+    tables = {
+        device.name: _table(device, np.concatenate(found))
+        for device, found in zip(devices, pieces, strict=True)
+        if found
+    }
+    if header is None or "robot" not in tables:
+        raise RecordingError(f"{path.name}: the journal ends before the first row of a robot")
+    return Recording(tables, header.source, FORMAT, tuple(notes))
+
+
+def _blocks(raw: memoryview, name: str) -> tuple[_Header | None, list[_Device], list[list[np.ndarray]], list[Note]]:
+    """Everything in a journal up to where it is cut off: the header, and per device what it is and its rows."""
+    header: _Header | None = None
     devices: list[_Device] = []
-    parts: list[list[np.ndarray]] = []
+    pieces: list[list[np.ndarray]] = []
     notes: list[Note] = []
-    at, complete = len(MAGIC), True
-    while at < len(raw):
-        block = _block(raw, at)
-        if block is None:
-            complete = False
+    at = len(MAGIC)
+    while at + _BLOCK.size <= len(raw):
+        length, crc = _BLOCK.unpack_from(raw, at)
+        body = raw[at + _BLOCK.size : at + _BLOCK.size + length]
+        if not 0 < length <= _LONGEST or len(body) < length or zlib.crc32(body) != crc:
             break
-        kind, body, at = block
-        try:
-            if kind == b"H":
-                header = msgspec.json.decode(body, type=_Header)
-                if header.schema != SCHEMA:
-                    raise RecordingError(
-                        f"{path.name}: written in schema {header.schema}, this version reads {SCHEMA}: use a newer "
-                        "ur5-twin"
-                    )
-                source = header.source
-            elif kind == b"S":
-                devices.append(msgspec.json.decode(body, type=_Device))
-                parts.append([])
-            elif kind == b"N":
-                note = msgspec.json.decode(body, type=_Note)
-                notes.append(Note(note.where, note.what))
-            elif kind == b"D":
-                number, rows = _DATA.unpack_from(body)
-                width = 1 + sum(devices[number].columns.values())
-                values = np.frombuffer(body, dtype="<f8", offset=_DATA.size)
-                if len(values) != rows * width:
-                    raise ValueError
-                parts[number].append(_columns(values, rows, devices[number]))
-        except (msgspec.DecodeError, IndexError, ValueError, struct.error):
-            raise RecordingError(
-                f"{path.name}: a block that makes no sense at byte {at}: the file was edited"
-            ) from None
-    if not complete:
-        left = len(raw) - at
-        notes.append(Note(path.name, f"its end is cut off or still being written: {left} bytes left out", True))
-    return _recording(path, source, devices, parts, notes, repair)
+        at += _BLOCK.size + length
+        kind, rest = bytes(body[:1]), body[1:]
+        if kind == b"H":
+            header = msgspec.json.decode(rest, type=_Header)
+            if header.schema != SCHEMA:
+                raise RecordingError(f"{name}: written in schema {header.schema}, this version reads {SCHEMA}")
+        elif kind == b"D":
+            devices.append(msgspec.json.decode(rest, type=_Device))
+            pieces.append([])
+        elif kind == b"N":
+            note = msgspec.json.decode(rest, type=_Note)
+            notes.append(Note(note.where, note.what, note.repaired))
+        elif kind == b"R":
+            number, n = _ROWS.unpack_from(rest)
+            pieces[number].append(np.frombuffer(rest[_ROWS.size :], dtype="<f8").reshape(n, -1))
+    if at < len(raw):
+        notes.append(Note(name, f"the last {len(raw) - at} bytes are cut off in writing: left out", True))
+    return header, devices, pieces, notes
 
 
-def _block(raw: bytes, at: int) -> tuple[bytes, bytes, int] | None:
-    """Kind, body and end of the block at a place; None if it is not whole."""
-    if at + _BLOCK.size > len(raw):
-        return None
-    kind, length, crc = _BLOCK.unpack_from(raw, at)
-    end = at + _BLOCK.size + length
-    if end > len(raw):
-        return None
-    body = raw[at + _BLOCK.size : end]
-    return (kind, body, end) if zlib.crc32(body) == crc else None
+def read_settled(path: Path | str, *, repair: bool = False) -> Recording:
+    """Read a journal and check it as every log is checked (``checks.settle``).
+
+    Raises:
+        RecordingError: as ``read_journal``, or something in it is broken and ``repair`` is off.
+    """
+    recording = read_journal(path)
+    tables, notes = {}, list(recording.notes)
+    for name, table in recording.tables.items():
+        where, rows = f"{Path(path).name}/{name}", np.arange(len(table)) + 1
+        tables[name], found = checks.settle(table, where, rows, repair=repair, repeats=name != "robot")
+        notes += found
+    return Recording(tables, recording.source, recording.format, tuple(notes))
 
 
-def _columns(values: np.ndarray, rows: int, device: _Device) -> np.ndarray:
-    """Time and all columns of a block side by side (rows, 1 + widths)."""
-    found, at = [values[:rows, None]], rows
-    for width in device.columns.values():
-        found.append(values[at : at + rows * width].reshape(rows, width))
-        at += rows * width
-    return np.concatenate(found, axis=1)
-
-
-def _recording(
-    path: Path,
-    source: str,
-    devices: list[_Device],
-    parts: list[list[np.ndarray]],
-    notes: list[Note],
-    repair: bool,
-) -> Recording:
-    tables: dict[str, Table] = {}
-    for device, blocks in zip(devices, parts, strict=True):
-        if not blocks:
-            continue
-        values = np.concatenate(blocks)
-        columns, at = {}, 1
-        for name, width in device.columns.items():
-            columns[name] = np.ascontiguousarray(values[:, at : at + width])
-            at += width
-        table = Table(device.name, values[:, 0].copy(), columns, device.host_start)
-        table, found = checks.settle(
-            table,
-            f"{path.name}/{device.name}",
-            np.arange(len(table)) + 1,
-            repair=repair,
-            repeats=device.name in _SENSORS,
-        )
-        notes.extend(found)
-        tables[device.name] = table
-    if "robot" not in tables:
-        raise RecordingError(f"{path.name}: no row of the robot in it (devices: {', '.join(tables) or 'none'})")
-    return Recording(tables, source, FORMAT, tuple(notes))
+def _table(device: _Device, values: np.ndarray) -> Table:
+    columns, first = {}, 1
+    for name, width in device.columns.items():
+        columns[name] = values[:, first : first + width].copy()
+        first += width
+    return Table(device.name, values[:, 0].copy(), columns, device.host_start)

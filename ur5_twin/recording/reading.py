@@ -6,15 +6,16 @@ import re
 from pathlib import Path
 
 from ur5_twin.errors import RecordingError
-from ur5_twin.recording import lab_layout
-from ur5_twin.recording.journal import JOURNAL_FILE, MAGIC, read_journal
+from ur5_twin.recording import journal, lab_layout
 from ur5_twin.recording.table import Recording
 
 #: The recording in the output folder of a replay.
 RECORDING_FILE = "recording.parquet"
+#: What a live recording is written to; it stays where the process was killed before it could make the former of it.
+JOURNAL_FILE = "recording.journal"
 _FORMATS = (
-    "a folder of the lab's CSV files, a CSV by ur_rtde or record.py, a Parquet file of ours, "
-    "a journal of live or record, or the output folder of one of our commands"
+    "a folder of the lab's CSV files, a CSV by ur_rtde or record.py, a Parquet file or journal of ours, "
+    "or the output folder of a replay"
 )
 
 
@@ -23,8 +24,7 @@ def read(path: Path | str, *, repair: bool = False) -> Recording:
 
     Args:
         path: the lab's folder of CSV files (the movement or its ``csv_files``), a CSV that ur_rtde or Universal Robots'
-            record.py wrote, a Parquet file of ours, the journal that ``live`` and ``record`` write, or the output
-            folder of one of our commands.
+            record.py wrote, a Parquet file of ours, or the output folder of a replay.
         repair: leave out what is broken, with a note that says so, instead of refusing the log.
 
     Returns:
@@ -60,7 +60,7 @@ def _read_folder(path: Path, repair: bool) -> Recording:
 
         return read_parquet(path / RECORDING_FILE, repair=repair)
     if JOURNAL_FILE in names:
-        return read_journal(path / JOURNAL_FILE, repair=repair)
+        return journal.read_settled(path / JOURNAL_FILE, repair=repair)
     raise RecordingError(f"{path}: {_why_not_a_log(path, names, lab_names)}; give {_FORMATS}")
 
 
@@ -81,8 +81,8 @@ def _read_file(path: Path, head: bytes, repair: bool) -> Recording:
         from ur5_twin.recording.parquet import read_parquet
 
         return read_parquet(path, repair=repair)
-    if head.startswith(MAGIC):
-        return read_journal(path, repair=repair)
+    if head.startswith(journal.MAGIC):
+        return journal.read_settled(path, repair=repair)
     first = head.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0]
     if path.name in lab_layout.KNOWN_FILES or re.fullmatch(rb"[-+0-9.eE,\s]*\d[-+0-9.eE,\s]*", first):
         raise RecordingError(

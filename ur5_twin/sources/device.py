@@ -1,4 +1,4 @@
-"""What every device that is listened to has in common, the robot and the sensors."""
+"""What every live source has in common, a robot or a sensor: it is started, asked for what has come, and closed."""
 
 from __future__ import annotations
 
@@ -8,54 +8,47 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 
-class Row(NamedTuple):
-    """What a device reported at once.
+class Rows(NamedTuple):
+    """What a device has reported since it was last asked, in the order of arrival.
 
     Attributes:
-        time: s on the device's own clock.
-        host: POSIX time of arrival, s.
-        columns: name -> (width,).
+        time: (n,) s on the device's own clock, as it came: it may repeat, jump or be NaN.
+        arrival: (n,) s on the host's monotonic clock (``time.monotonic``) at which each row was in.
+        columns: name -> (n, width).
     """
 
-    time: float
-    host: float
+    time: np.ndarray
+    arrival: np.ndarray
     columns: Mapping[str, np.ndarray]
+
+    def __bool__(self) -> bool:
+        return len(self.time) > 0
 
 
 class Device(Protocol):
-    """A device that reports rows.
-
-    Attributes:
-        name: ``robot``, ``ft`` or ``imu``.
-        columns: what its rows hold: name -> width; known after ``start``.
-        lost: rows that it is known to have sent and that did not come.
-    """
+    """A live source. Its rows are gathered in a thread of its own, so that none waits for whoever asks."""
 
     @property
-    def name(self) -> str: ...
-
-    @property
-    def columns(self) -> Mapping[str, int]: ...
-
-    @property
-    def lost(self) -> int: ...
+    def device(self) -> str:
+        """The name of its table: ``robot``, ``ft`` or ``imu``."""
+        ...
 
     def start(self) -> None:
         """Connect.
 
         Raises:
-            WireError: it cannot be reached.
+            WireError: there is nobody, or not what was expected.
         """
         ...
 
-    def rows(self) -> list[Row]:
-        """What has come since the last call, waiting some milliseconds for it at most.
+    def rows(self) -> list[Rows]:
+        """What has come since the last call; rows whose columns differ are in separate pieces. Never waits."""
+        ...
 
-        Raises:
-            WireError: the connection is lost; ``start`` may be tried again.
-        """
+    def news(self) -> list[str]:
+        """What has happened to the connection since the last call, in sentences."""
         ...
 
     def close(self) -> None:
-        """Disconnect."""
+        """Disconnect; what has come until then can still be asked for."""
         ...

@@ -1,130 +1,204 @@
-"""The robot over its real-time interface (30003): a stream of bytes that has to be put together again."""
+"""The real-time interface (TCP 30003, read-only 30013) as a source: for controllers without RTDE, and without ur_rtde.
+
+TCP is a stream: a packet may come in pieces, several may come at once. ``Reassembler`` makes packets of it again.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import select
 import socket
+import struct
 import time
+from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
 from ur5_twin.errors import WireError
-from ur5_twin.sources.device import Row
-from ur5_twin.wire.realtime_layout import HEADER, decode, fields, size_of
+from ur5_twin.sources.device import Rows
+from ur5_twin.sources.link import SILENCE, Link, LinkLost
+from ur5_twin.wire.realtime_layout import HEADER, SIZES, fields, modes_of
 
 PORT = 30003
-#: Columns of a log, in a packet's order; not in every version's.
-WANTED = (
-    "target_q",
-    "target_qd",
-    "target_qdd",
-    "target_current",
-    "target_moment",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "actual_tool_accelerometer",
-)
-#: Waiting for a connection, for the first packet, and for bytes, s.
-_CONNECT, _FIRST, _WAIT = 3.0, 3.0, 0.005
-_CHUNK = 1 << 16
+#: The newest layout.
+_NEWEST = max(SIZES)
+#: Bytes in a row that are no packet before a stream is given up: dozens of packets of the longest layout.
+_MOST_GARBAGE = 64 * 1024
+#: Layouts that do not exist yet append to the newest one, as all have; more than this is no packet, bytes.
+_LONGEST = 4096
+#: What is read at once, bytes.
+_CHUNK = 64 * 1024
+#: How long connecting and waiting for a first packet may take, s.
+_TIMEOUT = 3.0
+#: How often a receiver that gets nothing looks whether it is to stop, s.
+_GLANCE = 0.1
 
 
-class RealtimeSource:
-    """A robot whose controller publishes on port 30003, of any version; it only reads.
+class Reassembler:
+    """Packets out of a byte stream.
 
-    Packages come late, split and several at once (thesis section 4.4.1): the stream is put together by the size that
-    each package begins with. Nothing is sent.
-
-    Args:
-        host: name or address.
-        port: 30003, or 30013, or wherever it listens.
+    Where something else than a packet's length stands in front, bytes are passed over until the length of this stream's
+    packets comes again with another one behind it.
 
     Attributes:
-        name, columns, lost: as of ``device.Device``; TCP loses nothing, ``lost`` stays 0.
-        size: bytes of a package, which tells the version.
+        size: bytes of this stream's packets; None before the first.
+        skipped: bytes passed over so far.
+
+    Raises:
+        WireError: by ``feed``, if what comes is not the real-time interface.
     """
 
-    name = "robot"
+    def __init__(self) -> None:
+        self.size: int | None = None
+        self.skipped = 0
+        self._buffer = bytearray()
+        self._astray = 0
 
-    def __init__(self, host: str, port: int = PORT) -> None:
-        self.host, self.port = host, port
-        self.columns: dict[str, int] = {}
-        self.lost = 0
-        self.size = 0
-        self._socket: socket.socket | None = None
-        self._bytes = bytearray()
-        self._first: list[Row] = []
-
-    def start(self) -> None:
-        """Connect, and wait for the first package, which tells the version."""
-        self.close()
-        try:
-            self._socket = socket.create_connection((self.host, self.port), _CONNECT)
-        except OSError as error:
-            raise WireError(
-                f"{self.host}, port {self.port}: no connection ({error.strerror or error}); is the robot on, and this "
-                "its address?"
-            ) from None
-        self._socket.setblocking(False)
-        self._bytes.clear()
-        until = time.monotonic() + _FIRST
-        while not (rows := self.rows()):
-            if time.monotonic() > until:
-                self.close()
-                raise WireError(f"{self.host}, port {self.port}: connected, but nothing comes: no real-time interface")
-        self._first = rows
-
-    def rows(self) -> list[Row]:
-        """What has come since the last call (``device.Device``).
-
-        Raises:
-            WireError: the connection is lost, or what comes is no real-time interface.
-        """
-        if self._socket is None:
-            raise WireError(f"{self.host}: not connected")
-        if self._first:
-            first, self._first = self._first, []
-            return first
-        try:
-            if select.select([self._socket], [], [], _WAIT)[0]:
-                received = self._socket.recv(_CHUNK)
-                if not received:
-                    raise ConnectionResetError("the robot closed the connection")
-                self._bytes += received
-        except OSError as error:
-            self.close()
-            raise WireError(f"{self.host}: the connection is lost ({error.strerror or error})") from None
-        now = time.time()
-        found: list[Row] = []
-        while len(self._bytes) >= HEADER:
-            try:
-                size = size_of(bytes(self._bytes[:HEADER]))
-            except WireError as error:
-                self.close()
-                raise WireError(f"{self.host}, port {self.port}: no real-time interface: {error}") from None
-            if len(self._bytes) < size:
+    def feed(self, data: bytes) -> list[bytes]:
+        """The packets that are whole now that ``data`` has come."""
+        self._buffer += data
+        found = []
+        while len(self._buffer) >= HEADER:
+            size = struct.unpack_from(">I", self._buffer)[0]
+            if not (size == self.size if self.size is not None else _may_be_a_packet(size)):
+                if not self._find():
+                    break
+                continue
+            if len(self._buffer) < size:
                 break
-            found.append(self._row(bytes(self._bytes[:size]), now))
-            del self._bytes[:size]
+            if self._astray or size not in SIZES:
+                # The length alone may be chance, two of them in their places are not.
+                if len(self._buffer) < size + HEADER:
+                    break
+                if struct.unpack_from(">I", self._buffer, size)[0] != size:
+                    self._skip(1)
+                    continue
+            self.size, self._astray = size, 0
+            found.append(bytes(self._buffer[:size]))
+            del self._buffer[:size]
         return found
 
-    def close(self) -> None:
-        """Disconnect."""
-        if self._socket is not None:
-            with contextlib.suppress(OSError):
-                self._socket.close()
-            self._socket = None
+    def _find(self) -> bool:
+        """Pass over bytes up to the next place where a packet may begin; False if more must come first."""
+        sizes = SIZES if self.size is None else (self.size,)
+        places = [self._buffer.find(struct.pack(">I", size), 1) for size in sizes]
+        found = [place for place in places if place > 0]
+        # The last bytes may be the beginning of a length.
+        self._skip(min(found) if found else max(len(self._buffer) - HEADER + 1, 0))
+        return bool(found)
 
-    def _row(self, packet: bytes, now: float) -> Row:
-        if len(packet) != self.size:
-            self.size = len(packet)
-            widths = {field.name: field.width for field in fields(self.size)}
-            self.columns = {name: widths[name] for name in WANTED if name in widths}
-        values = decode(packet)
-        columns = {name: np.asarray(values[name], dtype=float) for name in self.columns}
-        return Row(float(np.asarray(values["timestamp"])), now, columns)
+    def _skip(self, n: int) -> None:
+        head = bytes(self._buffer[:HEADER])
+        del self._buffer[:n]
+        self.skipped += n
+        self._astray += n
+        if self._astray > _MOST_GARBAGE:
+            raise WireError(
+                f"{self._astray} bytes without a packet of the real-time interface, the last are {head.hex(' ')} ...; "
+                f"ports {PORT} and 30013 send packets of {min(SIZES)} to {_NEWEST} bytes"
+            )
+
+
+def _may_be_a_packet(size: int) -> bool:
+    return size in SIZES or (_NEWEST < size <= _LONGEST and (size - HEADER) % 8 == 0)
+
+
+def decode(packets: Sequence[bytes], arrival: Sequence[float]) -> Rows:
+    """Rows out of packets of one size, under RTDE's names, in RTDE's units; modes are those of the later versions.
+
+    Args:
+        packets: whole, length included.
+        arrival: s, of each.
+    """
+    size = len(packets[0])
+    doubles = np.frombuffer(b"".join(packet[HEADER:] for packet in packets), dtype=">f8").astype(np.float64)
+    values = doubles.reshape(len(packets), (size - HEADER) // 8)
+    columns = {}
+    # Of packets that are newer than what is known, the known part.
+    for field in fields(min(size, _NEWEST)):
+        first = (field.offset - HEADER) // 8
+        columns[field.name] = values[:, first : first + field.width]
+    if "robot_mode" in columns and "safety_mode" not in columns:
+        modes = [modes_of(int(mode)) for mode in np.nan_to_num(columns["robot_mode"][:, 0])]
+        columns["robot_mode"], columns["safety_mode"] = np.array(modes, dtype=float).T[:, :, None]
+    time_ = columns.pop("timestamp")[:, 0]
+    return Rows(time_, np.array(arrival, dtype=float), columns)
+
+
+class RealtimeSource(Link[tuple[float, bytes]]):
+    """The real-time interface of one controller; nothing is ever sent to it.
+
+    Args:
+        host: address or name of the robot.
+        port: 30003, 30013, or where a virtual controller has it.
+    """
+
+    def __init__(self, host: str, port: int = PORT) -> None:
+        super().__init__(host)
+        self.port = port
+        self._socket: socket.socket | None = None
+        self._stream = Reassembler()
+        self._skipped = 0
+        self._heard = 0.0
+
+    def describe(self) -> str:
+        """The stream in words, once connected."""
+        return f"real-time interface of {self.host}:{self.port}, packets of {self._stream.size} bytes"
+
+    @property
+    def skipped(self) -> int:
+        """Bytes passed over so far that were no packet."""
+        return self._skipped + self._stream.skipped
+
+    def _open(self) -> None:
+        self._skipped += self._stream.skipped
+        self._stream = Reassembler()
+        try:
+            self._socket = socket.create_connection((self.host, self.port), timeout=_TIMEOUT)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except OSError as error:
+            raise WireError(f"{self.host}:{self.port}: no real-time interface ({error.strerror or error})") from None
+        self._socket.settimeout(_GLANCE)
+        self._heard = time.monotonic()
+        deadline = self._heard + _TIMEOUT
+        while self._stream.size is None:
+            if time.monotonic() > deadline:
+                raise WireError(f"{self.host}:{self.port}: connected, but no packet came within {_TIMEOUT:g} s")
+            if self._stopping.is_set():
+                raise WireError("stopped")
+            try:
+                self._receive()
+            except LinkLost as lost:
+                raise WireError(f"{self.host}:{self.port}: {lost}") from None
+
+    def _receive(self) -> None:
+        assert self._socket is not None
+        try:
+            data = self._socket.recv(_CHUNK)
+        except TimeoutError:
+            if time.monotonic() - self._heard > SILENCE:
+                raise LinkLost(f"silent for {SILENCE:g} s") from None
+            return
+        except OSError as error:
+            raise LinkLost(error.strerror or str(error)) from None
+        self._heard = time.monotonic()
+        if not data:
+            raise LinkLost("closed by the robot")
+        before = self._stream.skipped
+        try:
+            packets = self._stream.feed(data)
+        except WireError as error:
+            raise LinkLost(str(error)) from None
+        if self._stream.skipped > before:
+            self._say(f"{self._stream.skipped - before} bytes between packets are none: passed over")
+        for packet in packets:
+            self._put((self._heard, packet))
+
+    def _decoded(self, pieces: list[tuple[float, bytes]]) -> list[Rows]:
+        # After a reconnect they may have another size.
+        runs = [list(run) for _, run in groupby(pieces, lambda piece: len(piece[1]))]
+        return [decode([packet for _, packet in run], [arrival for arrival, _ in run]) for run in runs]
+
+    def _shut(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None

@@ -91,8 +91,7 @@ def replay(
             f"{recording.source}: servo replay follows targets, and the log has no "
             f"{', '.join(source.missing_targets)}; use --mode shadow (mode='shadow')"
         )
-    loop = closed_loop(settings)
-    twin = ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
+    loop, twin = new_twin(settings)
     q, qd, moment, current = (np.empty((len(source), 6)) for _ in range(4))
     for row, sample in enumerate(source):
         try:
@@ -116,9 +115,8 @@ def replay(
         "sim_actual_current": current if simulated else _current(recording, settings, moment, q, qd),
     }
     if not source.missing_targets:
-        target_moment = Dynamics(settings.model).inverse(robot["target_q"], robot["target_qd"], robot["target_qdd"])
-        predicted["sim_target_moment"] = target_moment
-        predicted["sim_target_current"] = settings.target_current.current(target_moment, robot["target_qd"])
+        targets = (robot["target_q"], robot["target_qd"], robot["target_qdd"])
+        predicted |= target_columns(Dynamics(settings.model), settings.target_current, *targets)
     begun_again = np.isin(robot.time, twin.restarts)
     if begun_again.mean() > _MOST_RESTARTS:
         raise ReplayError(
@@ -152,8 +150,21 @@ def _current(
     )
 
 
-def closed_loop(settings: ReplaySettings) -> ClosedLoop:
-    """The simulated arm of a replay, or of a live twin."""
+def new_twin(settings: ReplaySettings) -> tuple[ClosedLoop, ServoTwin | ShadowTwin]:
+    """The simulated arm, and the twin that moves it, at its beginning."""
+    loop = _loop(settings)
+    return loop, ServoTwin(loop) if settings.mode == "servo" else ShadowTwin(loop, settings.plant)
+
+
+def target_columns(
+    model: Dynamics, law: TargetCurrentLaw, target_q: np.ndarray, target_qd: np.ndarray, target_qdd: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What the controller's model says of targets (n, 6): ``sim_target_moment`` and ``sim_target_current``."""
+    moment = model.inverse(target_q, target_qd, target_qdd)
+    return {"sim_target_moment": moment, "sim_target_current": law.current(moment, target_qd)}
+
+
+def _loop(settings: ReplaySettings) -> ClosedLoop:
     if settings.joints is not None and settings.mode == "servo":
         # As in the lab: the controller knows the payload it was told of, the arm carries what it carries.
         return ClosedLoop(

@@ -106,20 +106,15 @@ def new_stage(
 
 
 def new_blueprint(
-    recording: Recording,
-    model: ArmModel,
-    stage: Stage,
-    *,
-    obstacles: Sequence[Obstacle] = (),
-    last: float | None = None,
+    recording: Recording, model: ArmModel, stage: Stage, *, obstacles: Sequence[Obstacle] = ()
 ) -> rr.blueprint.Blueprint:
-    """The layout of the viewer's window: plots and their lines, of a whole recording or its ``last`` seconds."""
+    """The layout of the viewer's window for a whole recording: its plots, their lines and limits."""
     need_rerun()
     from ur5_twin.views import rerun_plots as plots
 
     found = wrenches.find(recording, _flange_poses(recording, model), model.tool)
     names = [obstacle.name for obstacle in obstacles]
-    return plots.blueprint(recording.robot, found, stage, contacts.touches(recording), names, last=last)
+    return plots.blueprint(recording.robot, found, stage, contacts.touches(recording), names)
 
 
 def log_static(
@@ -173,9 +168,7 @@ def log_rows(
     if arms:
         # Forces act on the arm they were measured on; the last arm is the measured one where there are two.
         # Where the true forces are known point by point, their sum at the flange would only be in the way.
-        at_flange = [
-            item for item in found if not item.bound and ("contact" not in recording.tables or item.label != "truth")
-        ]
+        at_flange = [item for item in found if "contact" not in recording.tables or item.label != "truth"]
         scene.log_arrows(stream, arms[-1], X_BF, at_flange, table, ticks)
         scene.log_contacts(stream, arms[-1], recording, ticks)
 

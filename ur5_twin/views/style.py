@@ -195,8 +195,3 @@ def has(table: Table, column: str) -> bool:
 def rgb(colour: str) -> tuple[int, int, int]:
     """``#rrggbb`` as three numbers from 0 to 255."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
-
-
-def pale(colour: str) -> str:
-    """The same colour, half as strong, for what belongs to a line."""
-    return "#" + "".join(f"{(part + 140) // 2:02x}" for part in rgb(colour))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ur5_twin.arm.parameters import Tool
-from ur5_twin.evaluation.scores import NINETY
 from ur5_twin.recording.force_sensor import on_arm, sensor_bias
 from ur5_twin.recording.table import Recording, Table
-from ur5_twin.views.style import ESTIMATES, SENSOR, TARGET, TRUTH, has, pale
+from ur5_twin.views.style import ESTIMATES, SENSOR, TARGET, TRUTH, has
 
 
 @dataclass(frozen=True)
@@ -22,14 +21,12 @@ class Wrench:
         label: the legend's word for it.
         colour: ``#rrggbb``.
         values: (n, 6) force in N and moment in Nm on the arm, at the flange, in base axes; NaN where unknown.
-        bound: an end of an estimate's interval, and no wrench that acts.
     """
 
     key: str
     label: str
     colour: str
     values: np.ndarray
-    bound: bool = False
 
 
 def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.ndarray | None = None) -> list[Wrench]:
@@ -54,11 +51,6 @@ def find(recording: Recording, X_BF: np.ndarray, tool: Tool | None, bias: np.nda
         label = name.removeprefix("est_").removesuffix("_wrench").replace("_", " ")
         colour = ESTIMATES[number % len(ESTIMATES)]
         found.append(Wrench(name, f"estimate by {label}", colour, aligned[name]))
-        deviation = name.removesuffix("_wrench") + "_deviation"
-        if has(aligned, deviation):
-            for end, sign in (("lower", -1.0), ("upper", 1.0)):
-                values = aligned[name] + sign * NINETY * aligned[deviation]
-                found.append(Wrench(f"{name}_{end}", f"90 %, {end}", pale(colour), values, bound=True))
     truths = [name for name in sorted(aligned.columns) if name.startswith("truth_") and _is_wrench(aligned, name)]
     found += [Wrench(name, "truth", TRUTH, aligned[name]) for name in truths]
     return [item for item in found if np.isfinite(item.values).any()]

@@ -158,9 +158,7 @@ def decode(packet: bytes) -> dict[str, Value]:
             found = np.nan_to_num(found, posinf=0.0, neginf=0.0).astype(np.int64)
         signals[field.name] = found if field.width > 1 else int(found[0]) if whole else float(found[0])
     if size < _THIRD and "robot_mode" in signals:
-        old = int(signals["robot_mode"])
-        signals["robot_mode"] = _NEW_MODES.get(old, 0)
-        signals["safety_mode"] = _NEW_STOPS.get(old, 1)
+        signals["robot_mode"], signals["safety_mode"] = modes_of(int(signals["robot_mode"]))
     return signals
 
 
@@ -178,6 +176,11 @@ def size_of(data: bytes) -> int:
 def old_mode(robot_mode: int, safety_mode: int) -> int:
     """The robot mode of the 1.x series for the modes of later ones."""
     return _OLD_STOPS.get(safety_mode, _OLD_MODES.get(robot_mode, 8))
+
+
+def modes_of(old: int) -> tuple[int, int]:
+    """The robot mode and the safety mode of later versions for a robot mode of the 1.x series."""
+    return _NEW_MODES.get(old, 0), _NEW_STOPS.get(old, 1)
 
 
 def _whole(value: Value) -> int:

@@ -60,6 +60,7 @@ class Running:
 
     line: int
     spent: int
+    exhausted: bool
     calls: int
     result: Value
     program: Any
@@ -147,6 +148,7 @@ class _Compiler:
                 thread.line = line
                 thread.spent += 1
                 if thread.spent > limits.STATEMENTS:
+                    thread.exhausted = True
                     yield
                 ended = (yield from statement(thread, scope)) if waits else statement(thread, scope)
                 if ended is not None:
@@ -246,6 +248,7 @@ class _Compiler:
                 thread.line = line
                 thread.spent += 1
                 if thread.spent > limits.STATEMENTS:
+                    thread.exhausted = True
                     yield
                 said = condition.run(thread, scope)
                 if condition.waits:

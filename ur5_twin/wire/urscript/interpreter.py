@@ -21,6 +21,7 @@ class _Thread(Running):
     Attributes:
         line: of the statement it is at.
         spent: statements it has run in this tick.
+        exhausted: its last turn ended because that was all it may run in one.
         calls: functions it is within.
         result: what the function that just ended returned.
         program: the interpreter.
@@ -28,6 +29,7 @@ class _Thread(Running):
 
     def __init__(self, program: Interpreter, body: Code, scope: Scope) -> None:
         self.line, self.spent, self.calls = 0, 0, 0
+        self.exhausted = False
         self.result: Value = None
         self.program = program
         self.work: Generator[None, None, Any] = body.run(self, scope)
@@ -86,7 +88,8 @@ class Interpreter:
             if handle not in self._threads:
                 continue
             # Checked at each turn: a thread before it in this tick may have entered.
-            if self._critical is not None and self._critical is not thread:
+            critical = self._critical
+            if critical is not None and critical is not thread and critical.exhausted:
                 continue
             self._turn(handle, thread)
 
@@ -132,7 +135,10 @@ class Interpreter:
         self._halted = True
 
     def enter_critical(self, thread: Running) -> None:
-        """Until ``exit_critical`` no other thread has a turn."""
+        """Until ``exit_critical`` no other thread has a turn because this one's was over.
+
+        While it waits for something others do: the ROS driver's program moves and joins within its sections.
+        """
         self._critical = thread  # type: ignore[assignment]
         self._within_critical += 1
 
@@ -145,7 +151,7 @@ class Interpreter:
             self._critical = None
 
     def _turn(self, handle: int, thread: _Thread) -> None:
-        thread.spent = 0
+        thread.spent, thread.exhausted = 0, False
         self._now, self._halted = thread, False
         first = handle == next(iter(self._threads))
         try:
