@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ur5_twin.live.session import Status
+    from ur5_twin.recording.table import Note
 
 
 @contextmanager
@@ -22,6 +26,69 @@ def progress(label: str, total: int | None) -> Iterator[Callable[..., None]]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
         task = shown.add_task(label, total=total)
         yield lambda done, of=total: shown.update(task, completed=done, total=of)
+
+
+@contextmanager
+def live_line(title: str, estimator: str | None) -> Iterator[Callable[[Status, list[str]], None]]:
+    """A status line of a live run on stderr, if that is a terminal; what happens is printed in any case.
+
+    Gives a function to call with how it goes and what has happened since.
+    """
+    from rich.console import Console
+    from rich.status import Status as Line
+
+    console = Console(stderr=True)
+    console.print(f"{title}; Ctrl-C stops", highlight=False, markup=False)
+    line = Line("waiting for rows", console=console, spinner="line")
+    if console.is_terminal:
+        line.start()
+
+    def tell(status: Status, news: list[str]) -> None:
+        for what in news:
+            console.print(f"- {what}", highlight=False, markup=False)
+        line.update(_escaped(live_words(status, estimator)))
+
+    try:
+        yield tell
+    finally:
+        line.stop()
+
+
+def live_words(status: Status, estimator: str | None) -> str:
+    """How a live run goes, in a line: rate, what is wrong with the rows, the estimate with its 90 % interval, the twin."""
+    from ur5_twin.evaluation.scores import NINETY
+
+    counts = status.counts
+    said = [f"{status.rate:.0f} Hz", f"{counts.rows:,} rows", f"lost {counts.lost}", f"late {counts.late}"]
+    beside = {"repeated": counts.repeated, "broken": counts.broken, "jumps": counts.jumps, "silences": counts.silences}
+    said += [f"{what} {count}" for what, count in beside.items() if count]
+    if status.wrench is not None and status.deviation is not None:
+        width = NINETY * status.deviation
+        force = " ".join(f"{value:+.1f}\u00b1{wide:.1f}" for value, wide in zip(status.wrench[:3], width, strict=False))
+        said.append(f"{estimator} [{force}] N")
+    if status.error is not None:
+        said.append(f"twin off by {1e3 * float(status.error.max()):.2f} mrad")
+    if status.latency[0] == status.latency[0]:
+        said.append(f"{1e3 * status.latency[0]:.0f} ms behind")
+    return ", ".join(said)
+
+
+def show_live(status: Status, notes: Sequence[Note], folder: Path | None) -> None:
+    """What a live run has seen, and where it is."""
+    from rich.console import Console
+
+    console = Console()
+    console.print(live_words(status, "last estimate"), highlight=False, markup=False)
+    for note in notes:
+        console.print(f"- {note.what}", highlight=False, markup=False)
+    if folder is not None:
+        console.print(f"written to {folder}", highlight=False, markup=False)
+
+
+def _escaped(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(text)
 
 
 def show_run(report: dict[str, Any], folder: Path) -> None:

@@ -11,14 +11,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.cli import benchmark, estimate, identify
-from ur5_twin.cli.common import complete_gains, complete_models, complete_tools, quiet_engine, shipped
+from ur5_twin.cli import benchmark, estimate, identify, live
+from ur5_twin.cli.common import (
+    complete_gains,
+    complete_models,
+    complete_tools,
+    quiet_engine,
+    replay_settings,
+    shipped,
+)
 from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
     from ur5_twin.arm.parameters import ArmModel
-    from ur5_twin.twin.replay import ReplaySettings
 
 app = typer.Typer(
     name="ur5-twin",
@@ -231,7 +237,9 @@ def replay(
     source = shipped(path)
     recording = read(source, repair=repair)
     drive = drive or ("thesis" if terms.missing(recording) else "lab")
-    settings = _settings(model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode)
+    settings = replay_settings(
+        model, plant, gains, joints, wrench, ft_delay, drive, target_current, tool, payload, mode
+    )
     folder = output_folder(out, recording, source)
     with progress("replay", len(recording.robot)) as advance:
         replayed = run(recording, settings, advance)
@@ -347,6 +355,7 @@ def model(
 app.add_typer(identify.app, name="identify")
 app.command(epilog=estimate.EXAMPLES)(estimate.estimate)
 app.command(epilog=benchmark.EXAMPLES)(benchmark.benchmark)
+app.command(epilog=live.EXAMPLES)(live.live)
 
 
 @app.command()
@@ -364,48 +373,6 @@ def fetch(
         folder = run(name, source=source, out=out, progress=advance)
     first = next(iter(sorted(p for p in folder.iterdir() if p.is_dir())))
     print(f"the logs lie in {folder}\nnext: ur5-twin replay {first} --rerun")
-
-
-def _settings(
-    model: str,
-    plant: str | None,
-    gains: str | None,
-    joints: str | None,
-    wrench: Wrench,
-    ft_delay: float | None,
-    drive: str,
-    target_current: Path | None,
-    tool: str,
-    payload: str,
-    mode: Mode,
-) -> ReplaySettings:
-    from ur5_twin.arm.drive import drives_of, load_joint_drives
-    from ur5_twin.arm.parameters import load_model
-    from ur5_twin.control.gains import load_gains
-    from ur5_twin.control.target_current import load_target_current_law
-    from ur5_twin.drives.current_map import load_drive_map
-    from ur5_twin.recording.force_sensor import FT_DELAY
-    from ur5_twin.twin.replay import ReplaySettings
-
-    if joints is None:
-        joints = "plant" if wrench is Wrench.measured else "none"
-    rubs = joints != "none"
-    if gains is None:
-        gains = "servo" if rubs else "thesis_c"
-    if plant is None:
-        plant = "plant" if rubs else model
-    simulated = load_model(plant, tool)
-    return ReplaySettings(
-        model=load_model(model, payload),
-        plant=simulated,
-        gains=load_gains(gains),
-        drive=load_drive_map(drive),
-        target_current=load_target_current_law(target_current),
-        mode=mode.value,
-        joints=(drives_of(simulated) if joints == "plant" else load_joint_drives(joints)) if rubs else None,
-        wrench=wrench.value,
-        ft_delay=FT_DELAY if ft_delay is None else ft_delay,
-    )
 
 
 def _view(arm: ArmModel, scene: bool) -> None:

@@ -11,6 +11,7 @@ from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
     from ur5_twin.recording.table import Recording
+    from ur5_twin.twin.replay import ReplaySettings
 
 
 def command_line() -> str:
@@ -66,3 +67,46 @@ def complete_tools(incomplete: str) -> list[str]:
     from ur5_twin.arm.parameters import tool_names
 
     return [name for name in tool_names() if name.startswith(incomplete)]
+
+
+def replay_settings(
+    model: str,
+    plant: str | None,
+    gains: str | None,
+    joints: str | None,
+    wrench: str,
+    ft_delay: float | None,
+    drive: str,
+    target_current: Path | None,
+    tool: str,
+    payload: str,
+    mode: str,
+) -> ReplaySettings:
+    """What a replay's options say; None where the default depends on other options."""
+    from ur5_twin.arm.drive import drives_of, load_joint_drives
+    from ur5_twin.arm.parameters import load_model
+    from ur5_twin.control.gains import load_gains
+    from ur5_twin.control.target_current import load_target_current_law
+    from ur5_twin.drives.current_map import load_drive_map
+    from ur5_twin.recording.force_sensor import FT_DELAY
+    from ur5_twin.twin.replay import ReplaySettings
+
+    if joints is None:
+        joints = "plant" if wrench == "measured" else "none"
+    rubs = joints != "none"
+    if gains is None:
+        gains = "servo" if rubs else "thesis_c"
+    if plant is None:
+        plant = "plant" if rubs else model
+    simulated = load_model(plant, tool)
+    return ReplaySettings(
+        model=load_model(model, payload),
+        plant=simulated,
+        gains=load_gains(gains),
+        drive=load_drive_map(drive),
+        target_current=load_target_current_law(target_current),
+        mode="shadow" if mode == "shadow" else "servo",
+        joints=(drives_of(simulated) if joints == "plant" else load_joint_drives(joints)) if rubs else None,
+        wrench="measured" if wrench == "measured" else "none",
+        ft_delay=FT_DELAY if ft_delay is None else ft_delay,
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 #: Deceleration that ends a move and is no rounding, rad/s^2.
@@ -23,7 +25,7 @@ def commanded(target: np.ndarray, begins: np.ndarray | None = None) -> np.ndarra
     """
     if begins is not None and begins[1:].any():
         starts = [0, *(np.flatnonzero(begins[1:]) + 1), len(target)]
-        return np.concatenate([commanded(target[a:b]) for a, b in zip(starts[:-1], starts[1:], strict=True)])
+        return np.concatenate([commanded(target[a:b]) for a, b in pairwise(starts)])
     q, qd, qdd = target[:, 0], target[:, 1], target[:, 2]
     idle = np.asarray(~target[:, 1:].any(axis=(1, 2)))
     braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
@@ -51,6 +53,7 @@ class Held:
             braking = (qd * qdd < 0.0) & (np.abs(qdd) > BRAKING)
             self._end = q + np.divide(qd * np.abs(qd), 2.0 * np.abs(qdd), out=np.zeros_like(q), where=braking)
             return target
-        if self._end is None:
-            self._end = q.copy()
-        return np.stack([self._end, qd, qdd])
+        end = self._end
+        if end is None:
+            end = self._end = q.copy()
+        return np.stack([end, qd, qdd])

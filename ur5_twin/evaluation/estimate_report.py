@@ -91,13 +91,18 @@ def with_columns(judged: Judged) -> Recording:
     """
     columns = dict(judged.recording.robot.columns)
     for name, found in judged.estimates.items():
-        columns |= {
-            f"est_{name}_wrench": found.wrench,
-            f"est_{name}_tau_ext": found.tau_ext,
-            f"est_{name}_deviation": deviation(found),
-            f"est_{name}_contact": found.contact[:, None],
-        }
+        columns |= estimate_columns(name, found)
     return judged.recording.with_table(replace(judged.recording.robot, columns=columns))
+
+
+def estimate_columns(name: str, found: Estimates) -> dict[str, np.ndarray]:
+    """An estimator's answers as columns of a robot table (``with_columns``)."""
+    return {
+        f"est_{name}_wrench": found.wrench,
+        f"est_{name}_tau_ext": found.tau_ext,
+        f"est_{name}_deviation": deviation(found),
+        f"est_{name}_contact": found.contact[:, None],
+    }
 
 
 def deviation(estimates: Estimates) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Beside a running robot: its rows checked and put on one clock, the twin and estimators beside them, kept and shown."""
+"""Beside a running robot: its rows on one clock, the twin and estimators beside them, all of it kept and shown."""

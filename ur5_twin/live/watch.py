@@ -17,7 +17,7 @@ _LATE = 0.75
 _SHORTEST = 0.002
 #: A stamp that is ahead of what the host's clock allows by more than this is a jump, s.
 _AHEAD = 1.0
-#: After a jump the clock goes on by what passed on the host's, but at least by this: twin and estimators begin again, s.
+#: After a jump the clock goes on by what the host's did, but at least by this, s: twin and estimators begin again.
 _AFTER_A_JUMP = 2.0 * LONGEST_GAP
 #: The two clocks may drift apart: the least delay is looked for among the rows of this long, twice, s.
 _WINDOW = 5.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from ur5_twin.errors import MissingExtraError, WireError
 from ur5_twin.sources.device import Rows
-from ur5_twin.sources.link import SILENCE, Link, LinkLost
+from ur5_twin.sources.link import Link, LinkLost
 from ur5_twin.sources.realtime import PORT, RealtimeSource
 from ur5_twin.sources.rtde_reader import SIGNALS, WIDTH
 
@@ -68,7 +68,7 @@ class RtdeSource(Link):
         except OSError as error:
             raise WireError(f"{self.host}:{RTDE_PORT}: no RTDE ({error.strerror or error})") from None
         command = [sys.executable, "-m", "ur5_twin.sources.rtde_reader", self.host, str(self.frequency or -1.0)]
-        self._said = tempfile.TemporaryFile()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by _shut
         self._reader = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said)
         assert self._reader.stdout is not None
         _enlarge(self._reader.stdout.fileno())

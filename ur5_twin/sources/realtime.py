@@ -1,4 +1,4 @@
-"""The real-time interface (TCP 30003, read-only 30013) as a source: for controllers that have no RTDE, and without ur_rtde.
+"""The real-time interface (TCP 30003, read-only 30013) as a source: for controllers without RTDE, and without ur_rtde.
 
 TCP is a stream: a packet may come in pieces, several may come at once. ``Reassembler`` makes packets of it again.
 """
@@ -92,7 +92,7 @@ class Reassembler:
         self._astray += n
         if self._astray > _MOST_GARBAGE:
             raise WireError(
-                f"{self._astray} bytes without a packet of the real-time interface, the last begin with {head.hex(' ')}; "
+                f"{self._astray} bytes without a packet of the real-time interface, the last are {head.hex(' ')} ...; "
                 f"ports {PORT} and 30013 send packets of {min(SIZES)} to {_NEWEST} bytes"
             )
 

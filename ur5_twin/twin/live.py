@@ -1,4 +1,4 @@
-"""The twin beside rows that are still coming: the columns that ``replay`` gives of the same rows once they are a log."""
+"""The twin beside rows that are still coming: the columns that ``replay`` gives of them once they are a log."""
 
 from __future__ import annotations
 

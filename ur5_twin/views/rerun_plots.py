@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -40,6 +41,13 @@ _WITH_LEGEND = (JOINT_NAMES[0], WRENCH_AXES[0], WRENCH_AXES[3], SIZE)
 _RUNS = "#3c5a78"
 #: What the columns are grouped under in the viewer.
 _ARCHETYPE = "ur5"
+
+
+class _Axes(NamedTuple):
+    """The axes of all plots: the time they show, and whether that is all there will be, so that limits are known."""
+
+    time: rrb.TimeAxis
+    whole: bool
 
 
 @dataclass(frozen=True)
@@ -132,25 +140,61 @@ def blueprint(
     obstacles: Sequence[str] = (),
 ) -> rrb.Blueprint:
     """The window: the arms, the size of the force and states on the left; on the right a tab per quantity."""
-    axis = _time_axis(table.time)
+    axes = _Axes(_time_axis(table.time), whole=True)
     tabs: list[rrb.Container] = [
-        tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axis)) is not None
+        tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axes)) is not None
     ]
     left: list[rrb.View] = [_space(stage, len(scene.arms_in(table)))]
     shares = [3.0]
     if wrenches:
         lines = [_Line(item.key, _with_size(item), item.label, item.colour, 1.6) for item in wrenches]
-        tabs.append(_wrench_tab(lines, axis))
-        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axis))
+        tabs.append(_wrench_tab(lines, axes))
+        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axes))
         shares.append(1.0)
     if touched:
-        tabs.append(_contact_tab(touched, len(table), obstacles, axis))
+        tabs.append(_contact_tab(touched, len(table), obstacles, axes))
     lanes = len(touched) + has(table, "safety_mode")
     if lanes:
-        left.append(rrb.StateTimelineView(origin=STATE, name="Contacts, pushes and the controller", time_view=axis))
+        left.append(
+            rrb.StateTimelineView(origin=STATE, name="Contacts, pushes and the controller", time_view=axes.time)
+        )
         shares.append(min(1.6, 0.32 + 0.24 * lanes))
+    return _window(left, shares, tabs, rrb.TimePanel(state="collapsed", timeline="time", loop_mode="all"))
+
+
+def live_blueprint(
+    table: Table, wrenches: Sequence[Wrench], bands: Sequence[Wrench], stage: scene.Stage, seconds: float
+) -> rrb.Blueprint:
+    """The window beside a running robot: as for a recording, but it shows the last seconds and goes with them.
+
+    Args:
+        table: some rows, for the columns that there are.
+        wrenches: the wrenches that there are.
+        bands: lower and upper ends of intervals, thin lines in the plots of the wrench's axes.
+        stage: as for a recording.
+        seconds: how much of the past the plots show, s.
+    """
+    past = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-seconds), end=rr.TimeRangeBoundary.cursor_relative()
+    )
+    axes = _Axes(rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=past), whole=False)
+    left: list[rrb.View] = [_space(stage, len(scene.arms_in(table)))]
+    tabs: list[rrb.Container] = []
+    if wrenches:
+        lines = [_Line(item.key, _with_size(item), item.label, item.colour, 1.6) for item in wrenches]
+        ends = [_Line(item.key, _with_size(item), item.label, item.colour, 0.7) for item in bands]
+        tabs.append(_wrench_tab([*ends, *lines], axes))
+        left.append(_view("Size of the force on the arm, N", WRENCH, SIZE, lines, axes))
+    tabs += [tab for quantity in QUANTITIES if (tab := _joint_tab(quantity, table, axes)) is not None]
+    panel = rrb.TimePanel(state="collapsed", timeline="time", play_state="following")
+    return _window(left, [3.0, 1.0][: len(left)], tabs, panel)
+
+
+def _window(
+    left: Sequence[rrb.View], shares: Sequence[float], tabs: Sequence[rrb.Container], panel: rrb.TimePanel
+) -> rrb.Blueprint:
     window = rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=shares),
+        rrb.Vertical(*left, row_shares=list(shares)),
         *([rrb.Tabs(*tabs, active_tab=0)] if tabs else []),
         column_shares=[1.0, 1.15] if tabs else [1.0],
     )
@@ -158,7 +202,7 @@ def blueprint(
         window,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time", loop_mode="all"),
+        panel,
         auto_layout=False,
         auto_views=False,
     )
@@ -182,7 +226,7 @@ def _space(stage: scene.Stage, arms: int) -> rrb.Spatial3DView:
     )
 
 
-def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Horizontal | None:
+def _joint_tab(quantity: Quantity, table: Table, axes: _Axes) -> rrb.Horizontal | None:
     """A row per joint: the signal on the left, the differences of its lines on the right, as in the figures."""
     widths = (1.2, 1.4, 1.4, 1.4) if quantity.noisy else (4.0, 2.4, 1.2, 1.2, 1.2)
     series = quantity.series_in(table)
@@ -197,29 +241,29 @@ def _joint_tab(quantity: Quantity, table: Table, axis: rrb.TimeAxis) -> rrb.Hori
         for item in quantity.differences_in(table)[::-1]  # the twin's own above the others
     ]
     columns = [
-        rrb.Vertical(*(_view(f"{joint}, {unit}", SIGNALS, joint, lines, axis) for joint in JOINT_NAMES))
+        rrb.Vertical(*(_view(f"{joint}, {unit}", SIGNALS, joint, lines, axes) for joint in JOINT_NAMES))
         for lines, unit in ((signals, quantity.unit), (errors, f"error, {quantity.error_unit}"))
         if lines
     ]
     return rrb.Horizontal(*columns, name=quantity.key.replace("_", " ").capitalize()) if columns else None
 
 
-def _wrench_tab(lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.Horizontal:
+def _wrench_tab(lines: Sequence[_Line], axes: _Axes) -> rrb.Horizontal:
     rows = [
-        _view(f"{name}, {unit}", WRENCH, name, lines, axis)
+        _view(f"{name}, {unit}", WRENCH, name, lines, axes)
         for name, unit in zip(WRENCH_AXES, WRENCH_UNITS, strict=True)
     ]
     return rrb.Horizontal(rrb.Vertical(*rows[:3]), rrb.Vertical(*rows[3:]), name="Wrench")
 
 
-def _contact_tab(touched: Sequence[Touch], n: int, obstacles: Sequence[str], axis: rrb.TimeAxis) -> rrb.Vertical:
+def _contact_tab(touched: Sequence[Touch], n: int, obstacles: Sequence[str], axes: _Axes) -> rrb.Vertical:
     """A row for the size of the force and one per base axis; a line per link and obstacle."""
     lines = [
         _Line(_touch_key(touch, obstacles), _force(touch, n), touch.name(obstacles), colour, 1.6)
         for touch, colour in zip(touched, _touch_colours(touched), strict=True)
     ]
     rows = [
-        _view(f"{'size of the force' if part == SIZE else part}, N", CONTACT, part, lines, axis)
+        _view(f"{'size of the force' if part == SIZE else part}, N", CONTACT, part, lines, axes)
         for part in _PARTS[CONTACT]
     ]
     return rrb.Vertical(*rows, name="Contact")
@@ -247,14 +291,15 @@ def _force(touch: Touch, n: int) -> np.ndarray:
     return force
 
 
-def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axes: _Axes) -> rrb.TimeSeriesView:
     """One plot: the same part, a joint or an axis, of several columns of an entity."""
+    limits = _limits([line.values[:, _PARTS[entity].index(part)] for line in lines]) if axes.whole else None
     return rrb.TimeSeriesView(
         origin=entity,
         contents=[f"/{entity}"],
         name=title,
-        axis_x=axis,
-        axis_y=rrb.ScalarAxis(range=_limits([line.values[:, _PARTS[entity].index(part)] for line in lines])),
+        axis_x=axes.time,
+        axis_y=rrb.ScalarAxis(range=limits),
         plot_legend=rrb.PlotLegend(visible=part in _WITH_LEGEND, corner=rrb.Corner2D.LeftTop),
         overrides={entity: [_picked(line, part) for line in lines]},
     )
