@@ -163,7 +163,7 @@ class NetFTPort:
         elapsed = time_ - self._first
         samples = np.rint(elapsed * self._calibration.internal_rate).astype(np.int64) + 1
         counts, status = self._counted(wrench)
-        for sample, row, bits in zip(samples.tolist(), counts.tolist(), status, strict=True):
+        for sample, row, bits in zip(samples.tolist(), counts.tolist(), status.tolist(), strict=True):
             for address, client in list(self._clients.items()):
                 self._send(address, client, sample, row, bits)
 
@@ -216,7 +216,7 @@ class NetFTPort:
         self._clients[address] = _Client(samples, buffered, now)
 
     def _send(self, address: Address, client: _Client, sample: int, counts: list[int], status: int) -> None:
-        assert self._transport is not None
+        assert self._socket is not None
         client.sequence += 1
         record = rdt.pack_record(client.sequence, sample, status, counts)
         if client.left is not None:
@@ -230,17 +230,21 @@ class NetFTPort:
             client.waiting = b""
         if last:
             self._clients.pop(address, None)
-        # What the system does not take at once is lost, as on the wire.
-        if not self._transport.get_write_buffer_size():
-            self._transport.sendto(record, address)
+        try:
+            self._socket.sendto(record, address)
+        except BlockingIOError:
+            # What the system does not take at once is lost, as on the wire.
+            pass
+        except OSError:
+            self.forget_the_gone()
 
-    def _counted(self, wrench: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    def _counted(self, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 6) counts, and status bits, of readings (n, 6)."""
         counts = np.nan_to_num((wrench - self._bias) / self._calibration.per_count)
-        beyond = (np.abs(counts) > _INT32).any(axis=1)
+        beyond = np.any(np.abs(counts) > _INT32, axis=1)
         if self._full_scale is not None:
-            beyond |= (np.abs(wrench) >= self._full_scale).any(axis=1)
-        status = [rdt.ERROR | rdt.SATURATED if over else 0 for over in beyond.tolist()]
+            beyond |= np.any(np.abs(wrench) >= self._full_scale, axis=1)
+        status = np.where(beyond, rdt.ERROR | rdt.SATURATED, 0)
         return np.rint(np.clip(counts, -_INT32, _INT32)).astype(np.int64), status
 
     async def _serve_page(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
