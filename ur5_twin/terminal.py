@@ -55,7 +55,7 @@ def live_line(title: str, estimator: str | None) -> Iterator[Callable[[Status, l
 
 
 def live_words(status: Status, estimator: str | None) -> str:
-    """How a live run goes, in a line: rate, what is wrong with the rows, the estimate with its 90 % interval, the twin."""
+    """How a live run goes: rate, what is wrong with the rows, the estimate with its 90 % interval, the twin's error."""
     from ur5_twin.evaluation.scores import NINETY
 
     counts = status.counts
@@ -78,11 +78,11 @@ def show_live(status: Status, notes: Sequence[Note], folder: Path | None) -> Non
     from rich.console import Console
 
     console = Console()
-    console.print(live_words(status, "last estimate"), highlight=False, markup=False)
-    for note in notes:
-        console.print(f"- {note.what}", highlight=False, markup=False)
+    said = [live_words(status, "last estimate"), *(f"- {note.what}" for note in notes)]
     if folder is not None:
-        console.print(f"written to {folder}", highlight=False, markup=False)
+        said.append(f"written to {folder}")
+    for line in said:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _escaped(text: str) -> str:

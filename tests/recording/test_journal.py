@@ -191,6 +191,14 @@ def test_misuse_is_refused(tmp_path: Path) -> None:
     assert len(read_journal(journal.path).robot) == 1
 
 
+def test_one_number_a_row_may_be_flat(tmp_path: Path) -> None:
+    with Journal(tmp_path / "journal", source="x") as journal:
+        journal.append("robot", np.arange(3.0), {"robot_mode": np.full(3, 7.0), "nothing": np.empty((3, 0))})
+    recording = read_journal(journal.path)
+    np.testing.assert_array_equal(recording.robot["robot_mode"], np.full((3, 1), 7.0))
+    assert recording.robot["nothing"].shape == (3, 0)
+
+
 def test_what_is_none_is_said(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("hello")
     with pytest.raises(RecordingError, match="no journal of ours"):

@@ -36,7 +36,7 @@ def made(tmp_path: Path) -> Callable[[str], Scenario]:
 def test_what_ships() -> None:
     expected = {"press_plate", "slide_plate", "collide_005", "collide_025", "collide_100", "push_moving", "free_motion"}
     expected |= {f"push_{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")}
-    expected |= {"forearm_contact", "elbow_contact", "payload_pickup", "peg_in_hole"}
+    expected |= {"forearm_contact", "elbow_contact", "payload_pickup", "peg_in_hole", "empty_cell"}
     expected |= {f"singularity_{name}" for name in ("shoulder", "elbow", "wrist")}
     assert set(names()) == expected
     table = (data_dir("scenarios") / "README.md").read_text(encoding="utf-8")

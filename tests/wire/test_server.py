@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
 
 import psutil
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from ur5_twin.errors import SimulationError, WireError
 from ur5_twin.wire.server import Server
@@ -98,3 +101,24 @@ def test_statistics_count_the_ticks(controller, serve: Serve) -> None:
     statistics = server.statistics
     assert statistics.ticks == len(statistics.interval)
     assert statistics.busy > 0
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.binary(max_size=300), max_size=4), st.booleans())
+def test_no_bytes_at_any_port_stop_it(fuzzed: Server, pieces: list[bytes], abruptly: bool) -> None:
+    for address in fuzzed.addresses.values():
+        with contextlib.suppress(ConnectionError), socket.create_connection(address, timeout=5.0) as client:
+            if abruptly:
+                # Closing resets the connection instead of ending it.
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            for piece in pieces:
+                client.sendall(piece)
+    with socket.create_connection(fuzzed.addresses["rtde"], timeout=5.0) as client:
+        client.sendall(b"\x00\x05V\x00\x02")
+        assert client.recv(100) == b"\x00\x04V\x01"
+    assert fuzzed.failure is None
+
+
+@pytest.fixture
+def fuzzed(controller, serve: Serve) -> Server:
+    return serve(controller)

@@ -147,8 +147,7 @@ def analytical_acceleration(
 
 def pack_dh(arm: Arm) -> np.ndarray:
     """(6, 4) cos alpha, sin alpha, a, d of each joint: the compiled kernels' view of the DH parameters."""
-    dh = arm.dh if isinstance(arm, ArmModel) else arm
-    return np.stack([np.cos(dh.alpha), np.sin(dh.alpha), dh.a, dh.d], axis=1)
+    return (arm.dh if isinstance(arm, ArmModel) else arm).packed
 
 
 def joint_rows(*inputs: ArrayLike) -> tuple[list[np.ndarray], tuple[int, ...]]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -40,6 +41,11 @@ class DenavitHartenberg:
     a: np.ndarray
     alpha: np.ndarray
     source: str
+
+    @cached_property
+    def packed(self) -> np.ndarray:
+        """(6, 4) cos alpha, sin alpha, a, d of each joint: the compiled kernels' view."""
+        return np.stack([np.cos(self.alpha), np.sin(self.alpha), self.a, self.d], axis=1)
 
 
 @dataclass(frozen=True)

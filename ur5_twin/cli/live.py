@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,10 +16,11 @@ from ur5_twin.cli.common import (
     complete_tools,
     quiet_engine,
     replay_settings,
+    stop_signals,
 )
 
 if TYPE_CHECKING:
-    from ur5_twin.sources.link import Link
+    from ur5_twin.sources.live import RealtimeSource, RtdeSource
 
 EXAMPLES = """[bold]Examples[/bold]
 
@@ -155,21 +152,21 @@ def live(
     name = f"live-{host}"
     folder = _folder(out, name) if record else None
     source = _connect(host, port, frequency)
-    stop = threading.Event()
-    with _stopped_by_signals(stop):
+    with stop_signals() as stop:
         views = [RerunLive(told.plant, name, spawn=rerun, save=save, connect=connect)] if drawn else []
         session = Session(name, estimators=estimators, twin=twin, folder=folder, seconds=60.0 * keep)
         session.note(f"from {source.describe()}")
         with live_line(source.describe(), next(iter(estimators), None)) as tell:
             run(source, session, views, stop=stop, duration=duration, tell=tell)
+    status = session.status()
     facts = {"live": host, "source": source.describe(), "estimators": list(estimators), **session.facts()}
     if folder is not None:
         session.finish({"command": command_line()})
         write_text(folder / "report.json", render_json(facts))
-    show_live(session.status(), session.notes, folder)
+    show_live(status, session.notes, folder)
 
 
-def _connect(host: str, port: str, frequency: float | None) -> Link:
+def _connect(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
     from ur5_twin.sources import live
 
     if port in ("auto", "rtde", "realtime"):
@@ -192,18 +189,3 @@ def _folder(out: Path | None, name: str) -> Path:
         if (folder / file).exists():
             raise RecordingError(f"{folder / file} exists already, and what was measured is never written over")
     return folder
-
-
-@contextmanager
-def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM set ``stop`` inside; not where this is no main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(kind, lambda *_: stop.set()) for kind in kinds]
-    try:
-        yield
-    finally:
-        for kind, handler in zip(kinds, before, strict=True):
-            signal.signal(kind, handler)

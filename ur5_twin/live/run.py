@@ -16,8 +16,8 @@ from ur5_twin.sources.device import Device
 
 #: Between two looks at what has come, s: the most that an estimate waits.
 _STEP = 0.01
-#: Between two times at which views get what has come: 20 Hz. Between two status lines, s.
-_SHOW, _TELL = 0.05, 0.5
+#: Between two times at which views get what has come, and between two status lines, s.
+_SHOW, _TELL = 0.08, 0.5
 
 
 class View(Protocol):

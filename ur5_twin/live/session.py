@@ -99,6 +99,7 @@ class Session:
         self._notes: list[Note] = []
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._safe = time.monotonic()
+        self._closed = False
 
     def note(self, what: str) -> None:
         """Keep a sentence on what happened with the recording."""
@@ -165,9 +166,12 @@ class Session:
 
     def close(self) -> None:
         """Finish the journal: what was taken is on the disk then."""
+        if self._closed:
+            return
+        for what in self._last_words():
+            self.note(what)
+        self._closed = True
         if self._journal is not None:
-            for what in self._last_words():
-                self.note(what)
             self._journal.close()
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> Path | None:

@@ -11,8 +11,10 @@ from ur5_twin.recording.table import Table
 from ur5_twin.sources.device import Rows
 from ur5_twin.twin.lockstep import LONGEST_GAP
 
-#: A row that comes later than it would have been due by this many periods is late.
+#: A row that comes so many periods later after the one before it than its stamp says is late.
 _LATE = 0.75
+#: Stamps that differ by less are the same, s.
+_SAME = 1e-6
 #: The shortest tick any controller has, s.
 _SHORTEST = 0.002
 #: A stamp that is ahead of what the host's clock allows by more than this is a jump, s.
@@ -32,7 +34,7 @@ class Counts:
     Attributes:
         rows: good ones.
         lost: ticks of the controller that never came, silences aside.
-        late: rows that came more than three quarters of a period after they were due.
+        late: rows that came three quarters of a period or more too late after the row before.
         repeated: rows that had the stamp of the row before; left out.
         broken: rows with a number that is not finite; left out.
         jumps: of the controller's clock, back (it was started again) or ahead.
@@ -63,13 +65,11 @@ class Watch:
     Attributes:
         counts: what has come.
         period: of the controller, s; NaN before it is known.
-        behind: s by which the last row was late.
     """
 
     def __init__(self, posix: float, period: float | None = None) -> None:
         self.counts = Counts()
         self.period = math.nan if period is None else period
-        self.behind = 0.0
         self._told = period is not None
         self._posix = posix
         self._offset = 0.0
@@ -105,7 +105,7 @@ class Watch:
         if math.isnan(self._stamp):
             return self._take(stamp, arrival, stamp)
         step = stamp - self._stamp
-        if step == 0.0:
+        if 0.0 <= step < _SAME:
             counts.repeated += 1
             return None
         if step < 0.0 or stamp - arrival - self._best > _AHEAD:
@@ -121,16 +121,14 @@ class Watch:
             counts.silent += step
         elif step > 1.5 * self.period:
             counts.lost += round(step / self.period) - 1
-        time = self._take(stamp, arrival, stamp + self._offset)
-        if self.behind > _LATE * self.period:
+        if arrival - self._arrival - step > _LATE * self.period:
             counts.late += 1
-        return time
+        return self._take(stamp, arrival, stamp + self._offset)
 
     def _take(self, stamp: float, arrival: float, time: float) -> float:
         if arrival - self._since > _WINDOW:
             self._best, self._best_now, self._since = self._best_now, -math.inf, arrival
         self._best_now = max(self._best_now, stamp - arrival)
         self._best = max(self._best, self._best_now)
-        self.behind = self._best - (stamp - arrival)
         self._stamp, self._arrival, self._time = stamp, arrival, time
         return time

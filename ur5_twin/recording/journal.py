@@ -118,7 +118,8 @@ class Journal:
         for name, column in columns.items():
             if len(column) != n:
                 raise RecordingError(f"{self.path.name}: {n} stamps of '{device}' but {len(column)} rows of '{name}'")
-            values[name] = np.asarray(column, dtype="<f8").reshape(n, -1)
+            array = np.asarray(column, dtype="<f8")
+            values[name] = array[:, None] if array.ndim == 1 else array
         widths = {name: column.shape[1] for name, column in values.items()}
         if device not in self._devices:
             start = self._host_start

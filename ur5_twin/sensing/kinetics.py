@@ -41,7 +41,7 @@ class FlangeMotion:
         R_FB (a_F - g + alpha x r + omega x (omega x r)) with r = R_BF point (thesis equation 5.9).
         """
         omega, alpha = self.into_flange(self.omega), self.into_flange(self.alpha)
-        turning = np.cross(alpha, point) + np.cross(omega, np.cross(omega, point))
+        turning = spatial.cross(alpha, point) + spatial.cross(omega, spatial.cross(omega, point))
         return self.into_flange(self.acceleration) + turning
 
     def into_flange(self, vectors: np.ndarray) -> np.ndarray:
@@ -68,6 +68,6 @@ def sensed_wrench(motion: FlangeMotion, wrench: np.ndarray, load: Load, p_FS: np
         omega, alpha = motion.into_flange(motion.omega), motion.into_flange(motion.alpha)
         # Row by row: one product of matrices rounds by the number of rows.
         turning = load.inertia @ np.stack([alpha, omega], axis=2)
-        spin = turning[:, :, 0] + np.cross(omega, turning[:, :, 1])
-        in_flange = in_flange + np.concatenate([force, np.cross(load.center, force) - spin], axis=1)
+        spin = turning[:, :, 0] + spatial.cross(omega, turning[:, :, 1])
+        in_flange = in_flange + np.concatenate([force, spatial.cross(load.center, force) - spin], axis=1)
     return spatial.shift_wrench(in_flange, p_FS)

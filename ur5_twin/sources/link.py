@@ -6,6 +6,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from typing import Generic, TypeVar
 
 from ur5_twin.errors import WireError
 from ur5_twin.sources.device import Rows
@@ -14,17 +15,21 @@ from ur5_twin.sources.device import Rows
 _BACK_OFF = (0.2, 0.5, 1.0, 2.0, 5.0)
 #: Seconds that a robot may be silent before the connection counts as lost.
 SILENCE = 2.0
-#: Pieces that wait to be asked for; older ones are dropped, so that a reader who never asks costs no memory.
+#: Pieces that wait to be asked for, a package each or more; older ones are dropped, so that a reader who never asks
+#: costs no memory.
 _MOST_PIECES = 100_000
 #: Sentences that wait to be asked for.
 _MOST_NEWS = 1000
+
+
+T = TypeVar("T")
 
 
 class LinkLost(Exception):
     """A connection that had been made is no more; the text says how that showed."""
 
 
-class Link(ABC):
+class Link(ABC, Generic[T]):
     """A robot's stream: connects, receives in a thread of its own, and connects again with growing waits.
 
     Args:
@@ -41,7 +46,7 @@ class Link(ABC):
         self.host = host
         self.connected = False
         self.connections = 0
-        self._pieces: deque[Rows] = deque(maxlen=_MOST_PIECES)
+        self._pieces: deque[T] = deque(maxlen=_MOST_PIECES)
         self._news: deque[str] = deque(maxlen=_MOST_NEWS)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -57,6 +62,10 @@ class Link(ABC):
     @abstractmethod
     def _receive(self) -> None:
         """Put what comes by ``_put``, and come back often enough to be stopped; raises LinkLost."""
+
+    @abstractmethod
+    def _decoded(self, pieces: list[T]) -> list[Rows]:
+        """What was put, one or more pieces, as rows."""
 
     @abstractmethod
     def _shut(self) -> None:
@@ -79,7 +88,8 @@ class Link(ABC):
 
     def rows(self) -> list[Rows]:
         """What has come since the last call (``device.Device``)."""
-        return [self._pieces.popleft() for _ in range(len(self._pieces))]
+        pieces = [self._pieces.popleft() for _ in range(len(self._pieces))]
+        return self._decoded(pieces) if pieces else []
 
     def news(self) -> list[str]:
         """What has happened to the connection since the last call, in sentences."""
@@ -94,8 +104,8 @@ class Link(ABC):
         self._shut()
         self.connected = False
 
-    def _put(self, rows: Rows) -> None:
-        self._pieces.append(rows)
+    def _put(self, piece: T) -> None:
+        self._pieces.append(piece)
 
     def _say(self, what: str) -> None:
         self._news.append(what)

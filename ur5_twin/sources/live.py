@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from importlib.util import find_spec
-from typing import IO, Literal
+from typing import IO, Any, Literal, TypeVar
 
 import numpy as np
 
@@ -32,9 +32,10 @@ _ROW_BYTES = 8 * WIDTH
 _PIPE = 1 << 20
 
 Interface = Literal["auto", "rtde", "realtime"]
+S = TypeVar("S", bound=Link[Any])
 
 
-class RtdeSource(Link):
+class RtdeSource(Link[bytes]):
     """RTDE by ur_rtde's receive interface, each tick of the controller once.
 
     ur_rtde keeps the newest package only: of two that come together one is lost, and shows as a missing stamp.
@@ -99,13 +100,16 @@ class RtdeSource(Link):
         self._rest = data[whole:]
         if not whole:
             return False
-        values = np.frombuffer(data[:whole]).reshape(-1, WIDTH)
+        self._put(data[:whole])
+        return True
+
+    def _decoded(self, pieces: list[bytes]) -> list[Rows]:
+        values = np.frombuffer(b"".join(pieces)).reshape(-1, WIDTH)
         columns, first = {}, 2
         for name, (_, width) in SIGNALS.items():
             columns[name] = values[:, first : first + width]
             first += width
-        self._put(Rows(values[:, 1], values[:, 0], columns))
-        return True
+        return [Rows(values[:, 1], values[:, 0], columns)]
 
     def _reason(self) -> str:
         """The last thing the reader said."""
@@ -131,7 +135,7 @@ class RtdeSource(Link):
 
 def connect(
     host: str, interface: Interface = "auto", *, port: int | None = None, frequency: float | None = None
-) -> Link:
+) -> RtdeSource | RealtimeSource:
     """Connect to a robot and begin to receive.
 
     Args:
@@ -167,7 +171,7 @@ def has_ur_rtde() -> bool:
     return find_spec("rtde_receive") is not None
 
 
-def _started(source: Link) -> Link:
+def _started(source: S) -> S:
     source.start()
     return source
 

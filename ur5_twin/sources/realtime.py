@@ -9,6 +9,7 @@ import socket
 import struct
 import time
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def decode(packets: Sequence[bytes], arrival: Sequence[float]) -> Rows:
     return Rows(time_, np.array(arrival, dtype=float), columns)
 
 
-class RealtimeSource(Link):
+class RealtimeSource(Link[tuple[float, bytes]]):
     """The real-time interface of one controller; nothing is ever sent to it.
 
     Args:
@@ -189,8 +190,13 @@ class RealtimeSource(Link):
             raise LinkLost(str(error)) from None
         if self._stream.skipped > before:
             self._say(f"{self._stream.skipped - before} bytes between packets are none: passed over")
-        if packets:
-            self._put(decode(packets, [self._heard] * len(packets)))
+        for packet in packets:
+            self._put((self._heard, packet))
+
+    def _decoded(self, pieces: list[tuple[float, bytes]]) -> list[Rows]:
+        # After a reconnect they may have another size.
+        runs = [list(run) for _, run in groupby(pieces, lambda piece: len(piece[1]))]
+        return [decode([packet for _, packet in run], [arrival for arrival, _ in run]) for run in runs]
 
     def _shut(self) -> None:
         if self._socket is not None:

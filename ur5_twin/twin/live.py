@@ -8,6 +8,7 @@ import numpy as np
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.drive import LinearDrive
+from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.control.held import Held
 from ur5_twin.errors import ReplayError, SimulationError
 from ur5_twin.twin.lockstep import LONGEST_GAP
@@ -42,6 +43,7 @@ class LiveTwin:
         self._settings = settings
         self._loop, self._twin = new_twin(settings)
         self._simulated = settings.mode == "servo" and settings.joints is not None
+        self._believed = Dynamics(settings.model)
         self._held = Held()
         self._last: float | None = None
         self.restarts = self.failures = 0
@@ -103,10 +105,13 @@ class LiveTwin:
         has_targets: bool,
     ) -> dict[str, np.ndarray]:
         settings = self._settings
+        known = np.isfinite(said["q"]).all(axis=1)
+        pose = np.full_like(said["q"], np.nan)
+        pose[known] = kinematics.tcp_pose(settings.model, said["q"][known])
         predicted = {
             "sim_actual_q": said["q"],
             "sim_actual_qd": said["qd"],
-            "sim_actual_TCP_pose": kinematics.tcp_pose(settings.model, said["q"]),
+            "sim_actual_TCP_pose": pose,
             "sim_moment": said["moment"],
         }
         # Where the twin begins again it is where the robot is, by definition.
@@ -118,5 +123,6 @@ class LiveTwin:
             speed = said["qd"] if settings.mode == "servo" else columns["actual_qd"]
             predicted["sim_actual_current"] = settings.drive.current(said["moment"], speed)
         if has_targets:
-            predicted |= target_columns(settings, *(columns[name] for name in _TARGETS))
+            targets = (columns[name] for name in _TARGETS)
+            predicted |= target_columns(self._believed, settings.target_current, *targets)
         return predicted

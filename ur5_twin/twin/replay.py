@@ -115,7 +115,8 @@ def replay(
         "sim_actual_current": current if simulated else _current(recording, settings, moment, q, qd),
     }
     if not source.missing_targets:
-        predicted |= target_columns(settings, robot["target_q"], robot["target_qd"], robot["target_qdd"])
+        targets = (robot["target_q"], robot["target_qd"], robot["target_qdd"])
+        predicted |= target_columns(Dynamics(settings.model), settings.target_current, *targets)
     begun_again = np.isin(robot.time, twin.restarts)
     if begun_again.mean() > _MOST_RESTARTS:
         raise ReplayError(
@@ -156,11 +157,11 @@ def new_twin(settings: ReplaySettings) -> tuple[ClosedLoop, ServoTwin | ShadowTw
 
 
 def target_columns(
-    settings: ReplaySettings, target_q: np.ndarray, target_qd: np.ndarray, target_qdd: np.ndarray
+    model: Dynamics, law: TargetCurrentLaw, target_q: np.ndarray, target_qd: np.ndarray, target_qdd: np.ndarray
 ) -> dict[str, np.ndarray]:
     """What the controller's model says of targets (n, 6): ``sim_target_moment`` and ``sim_target_current``."""
-    moment = Dynamics(settings.model).inverse(target_q, target_qd, target_qdd)
-    return {"sim_target_moment": moment, "sim_target_current": settings.target_current.current(moment, target_qd)}
+    moment = model.inverse(target_q, target_qd, target_qdd)
+    return {"sim_target_moment": moment, "sim_target_current": law.current(moment, target_qd)}
 
 
 def _loop(settings: ReplaySettings) -> ClosedLoop:

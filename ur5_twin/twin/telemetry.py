@@ -14,7 +14,7 @@ from ur5_twin.arm.parameters import FT_SENSOR
 from ur5_twin.control.tcp_force import TcpForce
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.sensing import Load, Measuring, SensorSuite, Signals
-from ur5_twin.twin.cell import Piece, Setup, loaded
+from ur5_twin.twin.cell import NOTHING, Payload, Piece, Setup, loaded
 
 #: Values of RTDE's safety_mode.
 NORMAL, PROTECTIVE_STOP = 1.0, 3.0
@@ -45,6 +45,7 @@ class Telemetry:
         names = {geom_name(obstacle): float(i) for i, obstacle in enumerate(setup.obstacles)}
         self._obstacle_of = np.array([names.get(geom, THE_ARM) for geom in geoms])
         self._last_q: np.ndarray | None = None
+        self._loaded = (NOTHING, self._load_with(NOTHING))
         self._rows: dict[str, list[dict[str, np.ndarray]]] = {"robot": [], "ft": [], "imu": [], "contact": []}
 
     def observe(self, piece: Piece) -> dict[str, dict[str, np.ndarray]]:
@@ -118,11 +119,16 @@ class Telemetry:
 
     def _load(self, piece: Piece) -> Load:
         """What hangs beyond the force sensor during a piece."""
+        if self._loaded[0] is not piece.payload:
+            self._loaded = (piece.payload, self._load_with(piece.payload))
+        return self._loaded[1]
+
+    def _load_with(self, payload: Payload) -> Load:
         tool = self._setup.plant.tool
         beyond = (0.0, np.zeros(3), np.zeros((3, 3)))
         if tool is not None and FT_SENSOR in tool.sensors:
             beyond = tool.distal_to(FT_SENSOR)
-        return Load(*loaded(beyond, piece.payload))
+        return Load(*loaded(beyond, payload))
 
     def _contacts(self, piece: Piece) -> dict[str, np.ndarray]:
         """One row per contact and push that acts at a tick."""

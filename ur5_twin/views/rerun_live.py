@@ -1,4 +1,4 @@
-"""A robot that runs, in the Rerun viewer: the measured arm and the twin, the estimates with their intervals, all signals.
+"""A robot that runs, in the Rerun viewer: the measured arm and the twin, estimates with their intervals, all signals.
 
 Rerun is an optional part of the package and imported only when one of these functions is called.
 """

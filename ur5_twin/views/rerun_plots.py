@@ -293,13 +293,15 @@ def _force(touch: Touch, n: int) -> np.ndarray:
 
 def _view(title: str, entity: str, part: str, lines: Sequence[_Line], axes: _Axes) -> rrb.TimeSeriesView:
     """One plot: the same part, a joint or an axis, of several columns of an entity."""
-    limits = _limits([line.values[:, _PARTS[entity].index(part)] for line in lines]) if axes.whole else None
+    limits = None
+    if axes.whole:
+        limits = rrb.ScalarAxis(range=_limits([line.values[:, _PARTS[entity].index(part)] for line in lines]))
     return rrb.TimeSeriesView(
         origin=entity,
         contents=[f"/{entity}"],
         name=title,
         axis_x=axes.time,
-        axis_y=rrb.ScalarAxis(range=limits),
+        axis_y=limits,
         plot_legend=rrb.PlotLegend(visible=part in _WITH_LEGEND, corner=rrb.Corner2D.LeftTop),
         overrides={entity: [_picked(line, part) for line in lines]},
     )

@@ -17,8 +17,6 @@ NOT_SIMULATED = (
     "end_screw_driving",
     "enable_external_ft_sensor",
     "force_mode",
-    "force_mode_set_damping",
-    "force_mode_set_gain_scaling",
     "ft_rtde_input_enable",
     "get_jacobian_time_derivative",
     "movec",

@@ -64,6 +64,14 @@ class Settings:
         if up[2] <= 0.0 or np.abs(up[:2]).max() > 0.05 * up[2]:
             raise ScriptError("set_gravity: the simulated arm stands upright; only [0, 0, 9.82] is")
 
+    def force_mode_set_damping(self, damping: Any) -> None:
+        """Checked, and of no consequence: there is no force mode. ur_rtde's program begins with it."""
+        number("force_mode_set_damping: damping", damping)
+
+    def force_mode_set_gain_scaling(self, scaling: Any) -> None:
+        """As ``force_mode_set_damping``."""
+        number("force_mode_set_gain_scaling: scaling", scaling)
+
     def _carry(self, what: str, m: Any, cog: Any, inertia: Any) -> None:
         mass = number(f"{what}: m", m)
         center = self._controller.payload_cog if cog is None else numbers(f"{what}: the centre", cog, 3)

@@ -109,7 +109,9 @@ class Interpreter:
         return self._begun
 
     def kill(self, handle: Value) -> None:
-        """End a thread; one that is over stays so."""
+        """End a thread; one that is over stays so. 0 is no thread, and as on a robot it may be killed all the same."""
+        if handle == 0 and not isinstance(handle, bool):
+            return
         if not isinstance(handle, int) or isinstance(handle, bool) or not 1 <= handle <= self._begun:
             raise ScriptError(f"{shown(handle)[:40]} is no thread")
         if handle in self._threads and self._threads[handle] is self._now:
