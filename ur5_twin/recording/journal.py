@@ -203,7 +203,7 @@ def read_journal(path: Path | str, *, repair: bool = False) -> Recording:
         What was appended, as it was; a last block that is cut off is left out, with a note.
 
     Raises:
-        RecordingError: it is no journal, of a newer schema, damaged, or holds no rows of a robot.
+        RecordingError: it is no journal, of a newer schema, damaged, or holds no rows.
     """
     path = Path(path)
     try:
@@ -287,9 +287,8 @@ class _Content:
             for number, pieces in self._pieces.items()
             if pieces
         }
-        if self._header is None or "robot" not in tables:
-            others = f"; it holds {', '.join(tables)}" if tables else ""
-            raise RecordingError(f"{self.name}: the journal ends before the first row of a robot{others}")
+        if self._header is None or not tables:
+            raise RecordingError(f"{self.name}: the journal ends before the first row of any device")
         return Recording(tables, self._header.source, FORMAT, tuple(self.notes))
 
     def _table(self, device: _Device, values: np.ndarray) -> Table:

@@ -25,7 +25,7 @@ _WRAP = 1 << 16
 _WANTED = Layout()
 
 
-class MTiSource(Link):
+class MTiSource(Link[Rows]):
     """The calibrated data of one MTi: imu_acc in m/s^2, imu_gyro in rad/s, imu_mag in the device's unit.
 
     Time is the device's count of samples times its period. Where the device does not send calibrated data with a
@@ -187,6 +187,9 @@ class MTiSource(Link):
         if self._others:
             self._say(f"{self._others} messages are no data as it was asked for: passed over")
             self._others = 0
+
+    def _decoded(self, pieces: list[Rows]) -> list[Rows]:
+        return pieces
 
     def _shut(self) -> None:
         if self._serial is not None:

@@ -25,7 +25,7 @@ _LONGEST = 65536
 _WRAP = 1 << 32
 
 
-class NetFTSource(Link):
+class NetFTSource(Link[Rows]):
     """The records of one Net F/T, as ``ft_wrench``, N and Nm.
 
     Time is the sensor's own count of samples over its rate, so it neither jitters nor knows of the way to the host.
@@ -198,6 +198,9 @@ class NetFTSource(Link):
             self._say(
                 f"the sensor's readings are sound again (status {bits})" if not bits else f"the sensor says: {what}"
             )
+
+    def _decoded(self, pieces: list[Rows]) -> list[Rows]:
+        return pieces
 
     def _shut(self) -> None:
         if self._socket is not None:
