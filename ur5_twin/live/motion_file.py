@@ -266,8 +266,12 @@ class Run:
         if self._next == 0:
             return self._send(now) if now - self._begun >= REST else None
         step = self._file.steps[self._next - 1]
-        if not self._moved and now - self._sent > _BEGINS and not self._was_there(newest):
-            return self._fail(f"the arm did not begin to move; is it in remote control? ({step.what})")
+        # A move that asks for next to nothing, since the arm is where it goes, may not be seen.
+        began = self._moved or step.duration < 2.0 * _STANDS
+        if not began:
+            if now - self._sent > _BEGINS:
+                return self._fail(f"the arm did not begin to move; is it in remote control? ({step.what})")
+            return None
         if now - self._sent > (1.0 + _LATE_SHARE) * step.duration + _LATE and self._moving:
             return self._fail(f"the arm still moves though it was to take {step.duration:.1f} s ({step.what})")
         if not rested or now - self._sent < max(step.duration, self._file.interval if self._left else 0.0):
@@ -299,10 +303,6 @@ class Run:
             self._standing = math.inf
         elif math.isinf(self._standing):
             self._standing = now
-
-    def _was_there(self, newest: Mapping[str, np.ndarray]) -> bool:
-        """Whether the last move asks for nothing, since the arm is where it goes."""
-        return self._file.steps[self._next - 1].duration < 2.0 * _STANDS
 
     def _send(self, now: float) -> str:
         step = self._file.steps[self._next]

@@ -374,14 +374,14 @@ def finished(recording: Recording) -> Recording:
         notes += found
         notes += checks.clock_notes(table, device) if device == "robot" else checks.sensor_notes(table, device)
         if ARRIVAL in table:
-            table, gained = _on_host(table)
-            if abs(gained) > _GAIN:
+            table, lost = _on_host(table)
+            if abs(lost) > _GAIN:
                 span = float(table.time[-1] - table.time[0])
                 notes.append(
                     Note(
                         device,
-                        f"beside the host's its clock lost {1e3 * gained:+.1f} ms in {span:.0f} s "
-                        f"({1e6 * gained / span:+.0f} ppm): its offset is right in the middle",
+                        f"its clock {'lost' if lost > 0.0 else 'gained'} {1e3 * abs(lost):.1f} ms on the host's in "
+                        f"{span:.0f} s ({1e6 * abs(lost) / span:.0f} ppm): its offset is right in the middle",
                     )
                 )
         tables[device] = table
@@ -389,7 +389,7 @@ def finished(recording: Recording) -> Recording:
 
 
 def _on_host(table: Table) -> tuple[Table, float]:
-    """The table with its clock's beginning on the host's, and what the host's clock gained on it, s."""
+    """The table with its clock's beginning on the host's, and what its clock lost on the host's, s."""
     behind = table[ARRIVAL][:, 0] - table.time
     first = float(behind[table.time <= table.time[0] + _ENDS].min())
     last = float(behind[table.time >= table.time[-1] - _ENDS].min())
