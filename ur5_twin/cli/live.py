@@ -151,7 +151,7 @@ def live(
     twin = None if mode is Mode.none else LiveTwin(told)
     name = f"live-{host}"
     folder = _folder(out, name) if record else None
-    source = _connect(host, port, frequency)
+    source = connect_robot(host, port, frequency)
     with stop_signals() as stop:
         views = [Beside(RerunLive(told.plant, name, spawn=rerun, save=save, connect=connect))] if drawn else []
         session = Session(name, estimators=estimators, twin=twin, folder=folder, seconds=60.0 * keep)
@@ -166,7 +166,8 @@ def live(
     show_live(status, session.notes, folder)
 
 
-def _connect(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
+def connect_robot(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
+    """Connect to a robot as ``--port`` says."""
     from ur5_twin.sources import live
 
     if port in ("auto", "rtde", "realtime"):
