@@ -2,10 +2,10 @@
 
     python benchmarks/serve_rates.py [--seconds 60] [--scenario free_motion] [--series 3.x 5.x]
 
-The served cell runs in a process of its own. A plain RTDE client in this one asks for what an estimator needs, every tick,
-and runs ``friction_kalman`` on each package as it comes. Lost are ticks that the server computed and whose package did not
-come, by the stamps; intervals are between packages that arrive, in periods of the controller; the latency is from the
-end of the tick, by the same machine's clock, to the estimate. Prints Markdown.
+The served cell runs in a process of its own. A plain RTDE client in this one asks for what an estimator needs, every
+tick, and runs ``friction_kalman`` on each package as it comes. Lost are ticks that the server computed and whose package
+did not come, by the stamps; intervals are between packages that arrive, in periods of the controller; the latency is
+from the end of the tick, by the same machine's clock, to the estimate. Prints Markdown.
 """
 
 from __future__ import annotations

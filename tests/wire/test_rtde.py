@@ -61,7 +61,7 @@ class Rtde:
 
 def eventually(condition: Callable[[], object]) -> None:
     """Wait until something is so; how long it takes is not the matter."""
-    for _ in range(1000):
+    for _ in range(6000):
         if condition():
             return
         time.sleep(0.005)
