@@ -3,9 +3,9 @@
     python benchmarks/serve_rates.py [--seconds 60] [--scenario free_motion] [--series 3.x 5.x]
 
 The served cell runs in a process of its own. A plain RTDE client in this one asks for what an estimator needs, every
-tick, and runs ``friction_kalman`` on each package as it comes. Lost are ticks that the server computed and whose package
-did not come, by the stamps; intervals are between packages that arrive, in periods of the controller; the latency is
-from the end of the tick, by the same machine's clock, to the estimate. Prints Markdown.
+tick, and runs ``friction_kalman`` on each package as it comes. Lost are ticks that the server computed and whose
+package did not come, by the stamps; intervals are between packages that arrive, in periods of the controller; the
+latency is from the end of the tick, by the same machine's clock, to the estimate. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ur5_twin.estimation import create, load_nominal
 from ur5_twin.estimation.protocol import Sample
 from ur5_twin.evaluation.tables import markdown
 from ur5_twin.scenario import load_scenario
-from ur5_twin.wire.controller import VirtualController
+from ur5_twin.wire.controller import VirtualController, warm_up
 from ur5_twin.wire.server import Server, port_names
 from ur5_twin.wire.state import State
 from ur5_twin.wire.version import version
@@ -59,9 +59,8 @@ def serve(scenario: str, series: str, seconds: float) -> None:
     """The child: the cell behind its ports; then what it counted, as JSON."""
     quiet_engine()
     of = version(series)
+    warm_up(of)
     controller, noted = VirtualController(load_scenario(scenario), of), Noted()
-    for _ in range(200):  # compiled before anybody listens
-        controller.tick()
     with Server(controller, ports=dict.fromkeys(port_names(of), 0), devices=[noted]) as server:
         print(json.dumps(server.addresses["rtde"]), flush=True)
         server.wait(seconds)

@@ -495,7 +495,7 @@ def _six_of(tensor: np.ndarray) -> np.ndarray:
 
 
 def warm_up(version: Version) -> None:
-    """Have everything compiled that a tick and a program need, so that no client waits for it: seconds the first time."""
+    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time."""
     controller = VirtualController(load_scenario("press_plate"), version, run=False)
     q = controller.motion.target[0].tolist()
     controller.run_script(
