@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -19,8 +20,7 @@ from ur5_twin.live.watch import ARRIVAL
 from ur5_twin.recording import read, read_parquet_metadata
 from ur5_twin.scenario import load_scenario
 from ur5_twin.wire.controller import VirtualController
-from ur5_twin.wire.mti import MTiPort
-from ur5_twin.wire.net_ft import NetFTPort
+from ur5_twin.wire.sensors import NUMBERS, sensor_ports
 from ur5_twin.wire.server import Server, port_names
 from ur5_twin.wire.version import version
 
@@ -40,14 +40,12 @@ def serve(series: str, *, run: bool) -> Iterator[Cell]:
     scenario = load_scenario("free_motion")
     both = replace(scenario, arm=replace(scenario.arm, tool="ati_gamma+xsens_mti"))
     controller = VirtualController(both, version(series), run=run)
-    ft, imu = NetFTPort(number=0, http=0), MTiPort(266.27)
     ports = dict.fromkeys(port_names(controller.version), 0)
-    with Server(controller, ports=ports, devices=[ft, imu]) as server:
-        assert ft.page_address is not None
-        arguments = (
-            *("127.0.0.1", "--port", server.addresses["realtime"][1]),
-            *("--ft", f"127.0.0.1:{ft.address[1]},{ft.page_address[1]}", "--imu", imu.address),
-        )
+    devices = sensor_ports(both, numbers=dict.fromkeys(NUMBERS, 0))
+    with Server(controller, ports=ports, devices=devices) as server:
+        found = server.addresses
+        host, udp, page = found["net_ft"]
+        arguments = (host, "--port", found["realtime"][1], "--ft", f"{host}:{udp},{page}", "--imu", found["mti"])
         yield Cell(arguments, server.addresses["secondary"][1], controller)
 
 
@@ -100,37 +98,42 @@ def test_however_it_ends_what_was_recorded_can_be_read(still: Cell, tmp_path: Pa
     assert set(lab.tables) == {"robot", "ft", "imu"}
 
 
-def test_a_waypoint_file_runs_once_somebody_said_yes(tmp_path: Path) -> None:
-    for cell in serve("3.x", run=False):
-        start = np.asarray(cell.controller.state.signals["actual_q"])
-        goal = start + np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.2])
-        file = tmp_path / "points.txt"
-        file.write_text(
-            "joint_space 1.0\n" + "".join(f"movej([{', '.join(map(str, q.tolist()))}])\n" for q in (start, goal))
-        )
-        options = ("--program", file, "--script-port", cell.script_port)
-        refused = started(cell, tmp_path / "no", *options)
-        _, err = refused.communicate("Yes\n", timeout=60)
-        assert (refused.returncode, "stopped" in err) == (130, True), err
+def test_a_waypoint_file_runs_once_somebody_said_yes(
+    still: Cell, run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = np.asarray(still.controller.state.signals["actual_q"])
+    goal = start + np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.2])
+    file = tmp_path / "points.txt"
+    file.write_text(
+        "joint_space 1.0\n" + "".join(f"movej([{', '.join(map(str, q.tolist()))}])\n" for q in (start, goal))
+    )
+
+    def record(answer: str, out: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
+        return run("record", *still.arguments, "--program", file, "--script-port", still.script_port, "--out", out)
+
+    for answer in ("Yes\n", "\n", ""):
+        code, _, err = record(answer, "no")
+        assert (code, err) == (130, "ur5-twin: stopped\n")
         assert not (tmp_path / "no").exists()
-        process = started(cell, tmp_path / "out", *options)
-        out, err = process.communicate("yes\n", timeout=90)
-        assert process.returncode == 0, err
-        assert "where the arm is" in out
-        log = read(tmp_path / "out")
-        assert any("points.txt: done" in str(note) for note in log.notes)
-        np.testing.assert_allclose(log.robot["target_q"][0], start, atol=1e-6)
-        np.testing.assert_allclose(log.robot["target_q"][-1], goal, atol=1e-6)
-        # Rest before and after.
-        assert not log.robot["target_qd"][:50].any()
-        assert not log.robot["target_qd"][-50:].any()
-        # The arm is not at the start any more.
-        again = started(cell, tmp_path / "again", *options)
-        _, err = again.communicate("yes\n", timeout=60)
-        assert again.returncode == 2
-        assert "the arm is not at its start" in err
-        assert "base 17.2 deg" in err
-        assert not (tmp_path / "again").exists()
+    assert not np.asarray(still.controller.state.signals["target_qd"]).any()
+    code, out, err = record("yes\n", "out")
+    assert code == 0, err
+    assert "where the arm is" in out
+    log = read(tmp_path / "out")
+    assert any("points.txt: done" in str(note) for note in log.notes)
+    # The start was read from the encoders, whose steps are 9 and 16 urad; targets are whole steps too.
+    np.testing.assert_allclose(log.robot["target_q"][0], start, atol=3e-5)
+    np.testing.assert_allclose(log.robot["target_q"][-1], goal, atol=1e-5)
+    # Rest before and after.
+    assert not log.robot["target_qd"][:50].any()
+    assert not log.robot["target_qd"][-50:].any()
+    # The arm is not at the start any more.
+    code, _, err = record("yes\n", "again")
+    assert code == 2
+    assert "the arm is not at its start" in err
+    assert "base 17.2 deg" in err
+    assert not (tmp_path / "again").exists()
 
 
 @pytest.mark.parametrize(

@@ -104,9 +104,9 @@ class NetFTPort:
         self.refused = 0
 
     @property
-    def address(self) -> Address:
-        """(host, UDP port) that it listens at."""
-        return self._bind, self._number
+    def address(self) -> tuple[str, int] | tuple[str, int, int]:
+        """(host, UDP port) that it listens at, and the page's TCP port if it has one."""
+        return (self._bind, self._number) if self._http is None else (self._bind, self._number, self._http)
 
     @property
     def page_address(self) -> Address | None:
