@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ur5_twin.live.session import Status
-    from ur5_twin.recording.table import Note
+    from ur5_twin.live.test_stand import DeviceStatus
+    from ur5_twin.recording.table import Note, Recording
 
 
 @contextmanager
@@ -82,6 +83,61 @@ def show_live(status: Status, notes: Sequence[Note], folder: Path | None) -> Non
     if folder is not None:
         said.append(f"written to {folder}")
     for line in said:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def record_line(
+    devices: Sequence[str], folder: Path
+) -> Iterator[Callable[[Sequence[DeviceStatus], Sequence[str]], None]]:
+    """A status line of a recording on stderr, if that is a terminal; what happens is printed in any case.
+
+    Gives a function to call with how each device goes and what has happened since.
+    """
+    from rich.console import Console
+    from rich.status import Status as Line
+
+    console = Console(stderr=True)
+    for said in (*devices, f"recording into {folder}; Ctrl-C stops"):
+        console.print(said, highlight=False, markup=False, soft_wrap=True)
+    line = Line("waiting for rows", console=console, spinner="line")
+    if console.is_terminal:
+        line.start()
+
+    def tell(status: Sequence[DeviceStatus], news: Sequence[str]) -> None:
+        for what in news:
+            console.print(f"- {what}", highlight=False, markup=False, soft_wrap=True)
+        line.update(_escaped(record_words(status)))
+
+    try:
+        yield tell
+    finally:
+        line.stop()
+
+
+def record_words(status: Sequence[DeviceStatus]) -> str:
+    """How a recording goes: each device's rate and rows, and what is wrong with them."""
+    said = []
+    for one in status:
+        words = f"{one.device} {one.rate:.0f} Hz, {one.rows:,} rows, lost {one.lost}"
+        if one.disturbed:
+            words += f", disturbed {one.disturbed}"
+        said.append(words if one.connected else f"{words}, NOT CONNECTED")
+    return " | ".join(said)
+
+
+def show_recorded(recording: Recording, folder: Path) -> None:
+    """What was recorded, and where it is."""
+    from rich.console import Console
+
+    console = Console()
+    said = []
+    for device, table in recording.tables.items():
+        span = float(table.time[-1] - table.time[0])
+        rate = f" at {(len(table) - 1) / span:.1f} Hz" if span > 0.0 else ""
+        said.append(f"{device}: {len(table):,} rows in {span:.1f} s{rate}")
+    said += [f"- {note}" for note in recording.notes]
+    for line in (*said, f"written to {folder}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ur5_twin import spatial
-from ur5_twin.arm import kinematics
+from ur5_twin.arm import _kinematics_kernels, kinematics
 from ur5_twin.arm.kinematics import Orientation
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.recording import read
@@ -163,3 +165,24 @@ def test_pose_is_the_one_the_robot_logged(lab_logs: Path) -> None:
         assert np.abs(X_BF[:, :3, 3] - logged[:, :3, 3]).max() < 5e-6, folder.name
         error = np.swapaxes(logged[:, :3, :3], -1, -2) @ X_BF[:, :3, :3]
         assert spatial.rotation_angle(error).max() < 20e-6, folder.name
+
+
+@given(st.lists(st.floats(-6.2, 6.2), min_size=6, max_size=6))
+def test_the_logged_pose_is_position_and_rotation_vector(q: list[float]) -> None:
+    """Against scipy's logarithm, also where the rotation is nearly pi and either sign is right."""
+    X = kinematics.forward(ARM, q)
+    pose = kinematics.tcp_pose(ARM, q)
+    np.testing.assert_allclose(pose[:3], X[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(spatial.rotation_from_vector(pose[3:]), X[:3, :3], atol=1e-9)
+    assert np.linalg.norm(pose[3:]) <= np.pi + 1e-12
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0), (0.6, 0.0, 0.8), (-0.48, 0.6, 0.64)])
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 1.0, 3.0, np.pi - 1e-9, np.pi])
+def test_rotation_vectors_of_all_sizes(axis: tuple[float, ...], angle: float) -> None:
+    X = np.eye(4)
+    X[:3, :3] = spatial.rotation_from_vector(angle * np.array(axis))
+    found = np.empty(3)
+    _kinematics_kernels.rotation_vector_into(X, found)
+    np.testing.assert_allclose(spatial.rotation_from_vector(found), X[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(found), angle, atol=3e-8)

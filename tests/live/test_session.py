@@ -11,7 +11,7 @@ import pytest
 from ur5_twin.errors import RecordingError, WireError
 from ur5_twin.estimation import create, estimate, samples_of
 from ur5_twin.evaluation.estimate_report import estimate_columns
-from ur5_twin.live.run import run
+from ur5_twin.live.run import Beside, run
 from ur5_twin.live.session import Session
 from ur5_twin.live.watch import STAMP
 from ur5_twin.recording import read
@@ -192,3 +192,28 @@ def test_what_the_source_still_has_when_it_stops_is_kept(tmp_path: Path, spoken)
     kept = len(read(tmp_path).robot)
     assert kept == view.seen
     assert kept >= 140 - 7 * 3
+
+
+def test_a_view_that_hangs_holds_nobody_up(tmp_path: Path, spoken, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ur5_twin.live.run._PATIENCE", 0.1)
+    stop, free = threading.Event(), threading.Event()
+
+    class Hanging:
+        def show(self, table) -> None:
+            free.wait()
+
+        def close(self) -> None: ...
+
+    session = Session("robot", folder=tmp_path)
+    run(Told(spoken(140), stop), session, [Beside(Hanging())], stop=stop)
+    free.set()
+    session.finish()
+    assert len(read(tmp_path).robot) > 100
+
+
+def test_a_view_beside_shows_all_rows_in_order(spoken) -> None:
+    stop = threading.Event()
+    view = Told([], stop)
+    run(Told(spoken(140), stop), Session("robot"), [Beside(view)], stop=stop)
+    assert view.closed == ["source"]
+    assert view.seen >= 119

@@ -67,9 +67,12 @@ def test_a_column_of_the_robot_stays_the_robots() -> None:
     np.testing.assert_array_equal(Recording({"robot": robot, "ft": ft}, "made", "test").aligned()["ft_wrench"], 0.0)
 
 
-def test_a_recording_needs_a_robot() -> None:
+def test_who_needs_a_robot_is_told_that_there_is_none() -> None:
+    sensors = Recording({"ft": Table("ft", np.zeros(0), {})}, "made", "test")
     with pytest.raises(RecordingError, match=r"made: no robot table \(found: ft\)"):
-        Recording({"ft": Table("ft", np.zeros(0), {})}, "made", "test")
+        sensors.aligned()
+    with pytest.raises(RecordingError, match="made: a recording without any table"):
+        Recording({}, "made", "test")
 
 
 def test_a_column_must_fit_its_table() -> None:

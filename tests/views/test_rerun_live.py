@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ur5_twin.arm.parameters import load_model
+from ur5_twin.errors import WireError
 from ur5_twin.recording import Table, read
 from ur5_twin.resources import data_dir
 from ur5_twin.views.rerun_live import RerunLive, intervals
@@ -52,3 +53,11 @@ def test_rows_sent_in_pieces_are_all_in_the_file(tmp_path: Path) -> None:
     assert "ur5:actual_q_minus_sim_actual_q_mrad" in names
     assert {"/scene/twin/link_6", "/scene/measured/link_6", "/scene/measured/force/est_direct_wrench"} <= seen
     assert reader.blueprints()
+
+
+@pytest.mark.parametrize(
+    ("url", "said"), [("http://127.0.0.1", "no viewer's URL"), ("rerun+http://127.0.0.1:1/proxy", "no Rerun viewer at")]
+)
+def test_a_viewer_that_is_not_there_is_said_at_once(url: str, said: str) -> None:
+    with pytest.raises(WireError, match=said):
+        RerunLive(load_model("plant"), "live", connect=url)

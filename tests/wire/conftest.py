@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -164,3 +165,60 @@ def serve() -> Iterator[Callable[..., Server]]:
         server.stop()
     left = [thread for thread in set(threading.enumerate()) - before if thread.name.startswith("ur5-twin")]
     assert not left
+
+
+class Bench:
+    """A port in a loop of its own; states are published to it by hand."""
+
+    def __init__(self, port: Any) -> None:
+        self.port = port
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="ur5-twin bench")
+        self._thread.start()
+        self._tick = 0
+        try:
+            self.call(port.start())
+        except BaseException:
+            self._end()
+            raise
+
+    def call(self, work: Any) -> Any:
+        """Run a coroutine in the loop."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(5.0)
+
+    def publish(self, **readings: Any) -> None:
+        """A tick with readings by device."""
+        self._tick += 1
+        state = State(self._tick, 100.0 + 0.008 * self._tick, {}, False, readings)
+
+        async def do() -> None:
+            self.port.publish(state)
+
+        self.call(do())
+
+    def settle(self) -> None:
+        """Let the port take in what was sent to it."""
+        self.call(asyncio.sleep(0.02))
+
+    def close(self) -> None:
+        self.call(self.port.close())
+        self._end()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Callable[[Any], Bench]]:
+    """Start a port alone; it is closed after the test."""
+    made: list[Bench] = []
+
+    def make(port: Any) -> Bench:
+        made.append(Bench(port))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()

@@ -43,7 +43,7 @@ def parts(state: bytes) -> dict[int, bytes]:
 
 
 def eventually(condition: Callable[[], object]) -> None:
-    for _ in range(1000):
+    for _ in range(6000):
         if condition():
             return
         time.sleep(0.005)

@@ -49,7 +49,7 @@ def read(client: socket.socket, size: int) -> bytes:
 
 
 def eventually(condition: Callable[[], object]) -> None:
-    for _ in range(1000):
+    for _ in range(6000):
         if condition():
             return
         time.sleep(0.005)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import time
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ur5_twin.errors import WireError
 from ur5_twin.wire.rtde import InputRecipe, OutputRecipe
 from ur5_twin.wire.rtde_signals import DOUBLE, INPUTS, INT32, OUTPUTS, UINT8, VECTOR6D, output_type
 from ur5_twin.wire.server import Server
@@ -59,7 +61,7 @@ class Rtde:
 
 def eventually(condition: Callable[[], object]) -> None:
     """Wait until something is so; how long it takes is not the matter."""
-    for _ in range(1000):
+    for _ in range(6000):
         if condition():
             return
         time.sleep(0.005)
@@ -170,6 +172,42 @@ def test_inputs_reach_the_controller_in_order(controller, serve: Serve) -> None:
         "input_int_register_24": -3,
     }
     np.testing.assert_array_equal(controller.written[4][1], np.arange(6.0))
+
+
+def test_a_tick_that_comes_while_inputs_are_posted_loses_none(controller, serve: Serve, monkeypatch) -> None:
+    post = controller.post
+
+    def post_and_tick(action: Callable[[], object]) -> object:
+        future = post(action)
+        # As if the tick thread got the interpreter just before post returns.
+        with contextlib.suppress(TimeoutError):
+            future.exception(timeout=5.0)
+        return future
+
+    monkeypatch.setattr(controller, "post", post_and_tick)
+    with Rtde(serve(controller)) as client:
+        client.ask("I", b"input_int_register_24")
+        for value in range(3):
+            client.send("U", struct.pack(">Bi", 1, value))
+            eventually(lambda value=value: len(controller.written) == value + 1)
+    assert [value for _, value in controller.written] == [0, 1, 2]
+
+
+def test_inputs_go_on_after_the_controller_had_too_much_to_do(controller, serve: Serve, monkeypatch) -> None:
+    post = controller.post
+
+    def busy(action: Callable[[], object]) -> object:
+        raise WireError("too many actions wait")
+
+    with Rtde(serve(controller)) as client:
+        client.ask("I", b"input_int_register_24")
+        monkeypatch.setattr(controller, "post", busy)
+        client.send("U", struct.pack(">Bi", 1, 1))
+        assert b"too many actions wait" in client.read()[1]
+        monkeypatch.setattr(controller, "post", post)
+        client.send("U", struct.pack(">Bi", 1, 2))
+        eventually(lambda: controller.written)
+    assert controller.written == [("input_int_register_24", 2)]
 
 
 def test_short_and_long_input_packages(controller, serve: Serve) -> None:

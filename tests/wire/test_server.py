@@ -81,6 +81,27 @@ def test_a_simulation_that_fails_leaves_the_ports_open(controller, serve: Serve,
         assert client.recv(100) == b"\x00\x04V\x01"
 
 
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_port_that_fails_does_not_silence_the_others(controller, serve: Serve, realtime: bool) -> None:
+    class Faulty:
+        name, address = "faulty", None
+
+        async def start(self) -> None: ...
+
+        def publish(self, state) -> None:
+            raise ZeroDivisionError("a fault")
+
+        async def close(self) -> None: ...
+
+    server = serve(controller, devices=[Faulty()], realtime=realtime)
+    with socket.create_connection(server.addresses["realtime_readonly"], timeout=30.0) as client:
+        received = 0
+        # More packets than may wait for the ports.
+        while received < 100 * controller.version.realtime_size:
+            received += len(client.recv(1 << 16))
+    assert any("faulty publishes no more: ZeroDivisionError" in one.text for one in controller.messages)
+
+
 def test_it_can_start_again(controller, serve: Serve) -> None:
     server = serve(controller)
     server.stop()

@@ -118,3 +118,42 @@ def motion_rows(dh, q, qd, qdd, twist, acceleration):
                 a += J[i, j] * qdd[k, j] + J_dot[i, j] * qd[k, j]
             twist[k, i] = v
             acceleration[k, i] = a
+
+
+@njit(cache=True, nogil=True)
+def rotation_vector_into(X, out):
+    """Rotation vector (3,), rad, of the rotation in X (4, 4), through the quaternion, whose largest part is not small.
+
+    At pi either sign may come out.
+    """
+    trace = X[0, 0] + X[1, 1] + X[2, 2]
+    w, x, y, z = 0.0, 0.0, 0.0, 0.0
+    if trace >= X[0, 0] and trace >= X[1, 1] and trace >= X[2, 2]:
+        w = 1.0 + trace
+        x, y, z = X[2, 1] - X[1, 2], X[0, 2] - X[2, 0], X[1, 0] - X[0, 1]
+    elif X[0, 0] >= X[1, 1] and X[0, 0] >= X[2, 2]:
+        x = 1.0 + X[0, 0] - X[1, 1] - X[2, 2]
+        w, y, z = X[2, 1] - X[1, 2], X[1, 0] + X[0, 1], X[0, 2] + X[2, 0]
+    elif X[1, 1] >= X[2, 2]:
+        y = 1.0 + X[1, 1] - X[0, 0] - X[2, 2]
+        w, x, z = X[0, 2] - X[2, 0], X[1, 0] + X[0, 1], X[2, 1] + X[1, 2]
+    else:
+        z = 1.0 + X[2, 2] - X[0, 0] - X[1, 1]
+        w, x, y = X[1, 0] - X[0, 1], X[0, 2] + X[2, 0], X[2, 1] + X[1, 2]
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    size = math.sqrt(x * x + y * y + z * z)
+    # angle / |v| for the quaternion (w, v), which need not be of length one; 2 / w where v vanishes.
+    scale = 2.0 * math.atan2(size, w) / size if size > 0.0 else 2.0 / w
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@njit(cache=True, nogil=True)
+def poses_rows(dh, q, out):
+    """Position and rotation vector of the flange for every row of q (n, 6) into out (n, 6)."""
+    frames = np.empty((7, 4, 4))
+    for k in range(q.shape[0]):
+        frames_into(dh, q[k], frames)
+        for i in range(3):
+            out[k, i] = frames[6, i, 3]
+        rotation_vector_into(frames[6], out[k, 3:])

@@ -112,7 +112,10 @@ def tcp_pose(arm: Arm, q: ArrayLike) -> np.ndarray:
     Near a rotation by pi the vector may be the one of the other sign, as in the robot's own logs: compare rotations,
     not their vectors.
     """
-    return pose_coordinates(arm, q, "rotation_vector")
+    (rows,), lead = joint_rows(q)
+    out = np.empty((len(rows), 6))
+    kernels.poses_rows(pack_dh(arm), rows, out)
+    return out.reshape(*lead, 6)
 
 
 def analytical_jacobian(arm: Arm, q: ArrayLike, orientation: Orientation = "zyz") -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ur5_twin import __version__
-from ur5_twin.cli import benchmark, estimate, identify, live, serve
+from ur5_twin.cli import benchmark, estimate, identify, live, record, serve
 from ur5_twin.cli.common import (
     complete_gains,
     complete_models,
@@ -356,6 +356,7 @@ app.add_typer(identify.app, name="identify")
 app.command(epilog=estimate.EXAMPLES)(estimate.estimate)
 app.command(epilog=benchmark.EXAMPLES)(benchmark.benchmark)
 app.command(epilog=live.EXAMPLES)(live.live)
+app.command(epilog=record.EXAMPLES)(record.record)
 app.command(epilog=serve.EXAMPLES)(serve.serve)
 
 

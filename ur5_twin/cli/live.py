@@ -131,7 +131,7 @@ def live(
     from ur5_twin.estimation.nominal import load_nominal
     from ur5_twin.estimation.registry import create
     from ur5_twin.evaluation.reporting import render_json
-    from ur5_twin.live.run import run
+    from ur5_twin.live.run import Beside, run
     from ur5_twin.live.session import Session
     from ur5_twin.terminal import live_line, show_live
     from ur5_twin.twin.live import LiveTwin
@@ -151,9 +151,9 @@ def live(
     twin = None if mode is Mode.none else LiveTwin(told)
     name = f"live-{host}"
     folder = _folder(out, name) if record else None
-    source = _connect(host, port, frequency)
+    source = connect_robot(host, port, frequency)
     with stop_signals() as stop:
-        views = [RerunLive(told.plant, name, spawn=rerun, save=save, connect=connect)] if drawn else []
+        views = [Beside(RerunLive(told.plant, name, spawn=rerun, save=save, connect=connect))] if drawn else []
         session = Session(name, estimators=estimators, twin=twin, folder=folder, seconds=60.0 * keep)
         session.note(f"from {source.describe()}")
         with live_line(source.describe(), next(iter(estimators), None)) as tell:
@@ -166,7 +166,8 @@ def live(
     show_live(status, session.notes, folder)
 
 
-def _connect(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
+def connect_robot(host: str, port: str, frequency: float | None) -> RtdeSource | RealtimeSource:
+    """Connect to a robot as ``--port`` says."""
     from ur5_twin.sources import live
 
     if port in ("auto", "rtde", "realtime"):

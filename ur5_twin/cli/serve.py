@@ -35,6 +35,8 @@ _USES = {
     "secondary": "the state at 10 Hz; URScript",
     "realtime": "a packet each tick; URScript",
     "realtime_readonly": "a packet each tick",
+    "net_ft": "the force sensor (UDP), its page at {page}: ur5-twin record --ft {host}:{port},{page}",
+    "mti": "the accelerometer: ur5-twin record --imu {path}",
     "rtde": 'whatever you choose; ur_rtde: RTDEReceiveInterface("{host}")',
 }
 
@@ -55,7 +57,11 @@ def serve(
     ] = "3.x",
     bind: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
     ports: Annotated[
-        str | None, typer.Option(help="Ports that differ from a robot's: rtde=31004,dashboard=0. 0 takes a free one.")
+        str | None,
+        typer.Option(
+            help="Ports that differ from a robot's: rtde=31004,dashboard=0. 0 takes a free one. net_ft and net_ft_page "
+            "are the force sensor's."
+        ),
     ] = None,
     free_ports: Annotated[bool, typer.Option("--free-ports", help="Free ports for all that --ports leaves.")] = False,
     realtime: Annotated[
@@ -74,21 +80,27 @@ def serve(
     """Serve the cell of a scenario behind the network ports of a UR5, until Ctrl-C."""
     from ur5_twin.errors import SimulationError
     from ur5_twin.scenario import load_scenario
-    from ur5_twin.wire.controller import VirtualController
+    from ur5_twin.wire import sensors
+    from ur5_twin.wire.controller import VirtualController, warm_up
     from ur5_twin.wire.server import Server, port_names
     from ur5_twin.wire.version import version as parsed
 
     quiet_engine()
     software = parsed(version)
-    numbers = dict.fromkeys(port_names(software), 0) if free_ports else {}
+    numbers = dict.fromkeys([*port_names(software), *sensors.NUMBERS], 0) if free_ports else {}
     numbers |= _numbers(ports)
+    of_sensors = {name: numbers.pop(name) for name in sensors.NUMBERS if name in numbers}
     loaded = load_scenario(scenario or _ALONE)
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with stop_signals() as stop:
+        warm_up(software)
         controller = VirtualController(loaded, software, run=not idle)
         controller.reaches_out = not _is_loopback(bind)
-        server = Server(controller, bind=bind, ports=numbers, late_packages=late_packages, realtime=realtime)
+        devices = sensors.sensor_ports(loaded, bind, of_sensors)
+        server = Server(
+            controller, bind=bind, ports=numbers, devices=devices, late_packages=late_packages, realtime=realtime
+        )
         with server:
             speed = "in real time" if realtime else "as fast as it goes"
             _show(server, f"{loaded.title}: a UR5 with software {software}, {1 / software.period:g} Hz, {speed}", bind)
@@ -119,8 +131,12 @@ def _show(server: Server, title: str, bind: str) -> None:
     from ur5_twin.wire.server import NUMBERS
 
     print(title)
-    for name, (host, number) in server.addresses.items():
-        use = _USES.get(name, "").format(host=host, port=number)
+    for name, address in server.addresses.items():
+        if isinstance(address, str):
+            print(f"  {name:<17} {address}  {_USES[name].format(path=address)}")
+            continue
+        host, number, *page = address
+        use = _USES.get(name, "").format(host=host, port=number, page=page[0] if page else "")
         if name == "rtde" and number != NUMBERS["rtde"]:
             use = "whatever you choose; ur_rtde knows no port but 30004"
         print(f"  {name:<17} {host}:{number:<5}  {use}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +19,8 @@ from ur5_twin.sources.device import Device
 _STEP = 0.01
 #: Between two times at which views get what has come, and between two status lines, s.
 _SHOW, _TELL = 0.08, 0.5
+#: Pieces that may wait for a view: some eight seconds. How long a view may take to end, s.
+_MOST_WAITING, _PATIENCE = 100, 3.0
 
 
 class View(Protocol):
@@ -30,6 +33,41 @@ class View(Protocol):
     def close(self) -> None:
         """Show what is still on its way."""
         ...
+
+
+class Beside:
+    """A view in a thread of its own: one that hangs, a viewer that is gone for example, holds nobody up.
+
+    Attributes:
+        left_out: rows that it was too slow for.
+    """
+
+    def __init__(self, view: View) -> None:
+        self.left_out = 0
+        self._view = view
+        self._waiting: queue.Queue[Table | None] = queue.Queue(_MOST_WAITING)
+        self._thread = threading.Thread(target=self._run, name="ur5-twin view", daemon=True)
+        self._thread.start()
+
+    def show(self, table: Table) -> None:
+        """Have the next rows shown, if the view keeps up."""
+        try:
+            self._waiting.put_nowait(table)
+        except queue.Full:
+            self.left_out += len(table)
+
+    def close(self) -> None:
+        """Let it show what is still on its way, for some seconds at most."""
+        try:
+            self._waiting.put(None, timeout=_PATIENCE)
+        except queue.Full:
+            return
+        self._thread.join(_PATIENCE)
+
+    def _run(self) -> None:
+        while (table := self._waiting.get()) is not None:
+            self._view.show(table)
+        self._view.close()
 
 
 def run(

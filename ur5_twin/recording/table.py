@@ -97,7 +97,7 @@ class Recording:
     """Tables of one run, by device.
 
     Attributes:
-        tables: device name -> Table; ``robot`` is always there.
+        tables: device name -> Table; of a test stand's sensors alone there is no ``robot``.
         source: what it was read from, for reports (no absolute path: the folder's or file's own name).
         format: name of the format it was read from.
         notes: what the reader found or repaired.
@@ -109,12 +109,20 @@ class Recording:
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        if "robot" not in self.tables:
-            raise RecordingError(f"{self.source}: no robot table (found: {', '.join(self.tables) or 'nothing'})")
+        if not self.tables:
+            raise RecordingError(f"{self.source}: a recording without any table")
 
     @property
     def robot(self) -> Table:
-        return self.tables["robot"]
+        """The robot's table.
+
+        Raises:
+            RecordingError: only sensors were recorded.
+        """
+        try:
+            return self.tables["robot"]
+        except KeyError:
+            raise RecordingError(f"{self.source}: no robot table (found: {', '.join(self.tables)})") from None
 
     def with_table(self, table: Table) -> Recording:
         """The same recording with one table added or replaced."""

@@ -45,12 +45,16 @@ def _command(motion: Motion) -> Command:
     if isinstance(motion, Wait):
         return commands.Wait(motion.duration)
     assert isinstance(motion, ServoJ)
-    times, points = _stream(motion.path)
+    times, points = read_stream(motion.path)
     return commands.ServoJ(times, points, lookahead_time=motion.lookahead, gain=motion.gain)
 
 
-def _stream(path: Path) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-    """Times in s and joint positions in rad of a servoj file: seven numbers a line, commas or blanks between them."""
+def read_stream(path: Path) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+    """Times in s and joint positions in rad of a servoj file: seven numbers a line, commas or blanks between them.
+
+    Raises:
+        ScenarioError: the file cannot be read or a line is wrong; the message names file and line.
+    """
     rows = []
     try:
         lines = path.read_text(encoding="utf-8").splitlines()

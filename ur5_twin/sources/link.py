@@ -30,10 +30,10 @@ class LinkLost(Exception):
 
 
 class Link(ABC, Generic[T]):
-    """A robot's stream: connects, receives in a thread of its own, and connects again with growing waits.
+    """A device's stream: connects, receives in a thread of its own, and connects again with growing waits.
 
     Args:
-        host: address or name of the robot.
+        host: address or name of the robot, or where else the device is.
 
     Attributes:
         connected: whether the stream runs now.
@@ -83,7 +83,7 @@ class Link(ABC, Generic[T]):
             self._shut()
             raise
         self._made()
-        self._thread = threading.Thread(target=self._run, name="ur5-twin robot", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"ur5-twin {self.device}", daemon=True)
         self._thread.start()
 
     def rows(self) -> list[Rows]:

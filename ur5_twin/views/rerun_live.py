@@ -5,15 +5,18 @@ Rerun is an optional part of the package and imported only when one of these fun
 
 from __future__ import annotations
 
+import socket
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 import numpy as np
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.errors import WireError
 from ur5_twin.evaluation.scores import NINETY
 from ur5_twin.recording.table import Recording, Table
 from ur5_twin.views import wrenches
@@ -25,8 +28,13 @@ if TYPE_CHECKING:
 
 #: What the plots show of the past, s.
 _PAST = 20.0
+#: The picture has room for a flange this far to each side of where it is at first, m.
+_ROOM = 0.3
+_CORNERS = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 #: What the viewer keeps; it forgets the oldest beyond that.
 _MEMORY = "2GB"
+#: How long it may take to find a viewer, s.
+_PROBE = 2.0
 #: The viewer's own port on this machine.
 _VIEWER = "rerun+http://127.0.0.1:9876/proxy"
 
@@ -43,6 +51,7 @@ class RerunLive:
 
     Raises:
         MissingExtraError: Rerun is not installed.
+        WireError: there is no viewer at that URL; sending to it would wait for ever.
     """
 
     def __init__(
@@ -59,6 +68,7 @@ class RerunLive:
             rr.spawn(connect=False, memory_limit=_MEMORY, hide_welcome_screen=True)
             self._sinks.append(rr.GrpcSink(_VIEWER))
         if connect is not None:
+            _need_viewer(connect)
             self._sinks.append(rr.GrpcSink(connect))
         if save is not None:
             save.parent.mkdir(parents=True, exist_ok=True)
@@ -79,7 +89,7 @@ class RerunLive:
         bands = intervals(found, table)
         arms = scene.arms_in(table)
         if self._rows == 0:
-            stage = scene.Stage.facing(X_BF[:, :3, 3])
+            stage = scene.Stage.facing(X_BF[0, :3, 3] + _ROOM * _CORNERS)
             blueprint = plots.live_blueprint(table, found, bands, stage, _PAST)
             self._stream.set_sinks(*self._sinks, default_blueprint=blueprint)
             scene.log_static(self._stream, self._model, arms, stage)
@@ -95,6 +105,20 @@ class RerunLive:
         if self._open:
             self._open = False
             self._stream.disconnect()
+
+
+def _need_viewer(url: str) -> None:
+    place = urlsplit(url)
+    try:
+        if not url.startswith(("rerun+http://", "rerun+https://", "rerun://")) or place.hostname is None:
+            raise ValueError
+        port = place.port or 9876
+    except ValueError:
+        raise WireError(f"'{url}' is no viewer's URL; it looks like {_VIEWER}") from None
+    try:
+        socket.create_connection((place.hostname, port), timeout=_PROBE).close()
+    except OSError as error:
+        raise WireError(f"no Rerun viewer at {url} ({error.strerror or error})") from None
 
 
 def intervals(found: Sequence[Wrench], table: Table) -> list[Wrench]:

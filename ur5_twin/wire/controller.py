@@ -16,7 +16,7 @@ from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.control.program import plan
 from ur5_twin.errors import ScriptError, SimulationError, WireError
-from ur5_twin.scenario import Scenario
+from ur5_twin.scenario import Scenario, load_scenario
 from ur5_twin.scenario.program import program_of
 from ur5_twin.sensing import load_sensors
 from ur5_twin.twin.cell import Cell
@@ -285,9 +285,9 @@ class VirtualController:
             joint = JointMode.POWER_OFF
         signals |= {
             "joint_mode": np.full(6, int(joint)),
-            "tcp_force_scalar": float(np.linalg.norm(last["actual_TCP_force"][:3])),
             "speed_scaling": self.motion.scaling,
             "target_speed_fraction": self.motion.slider,
+            "tcp_force_scalar": float(np.linalg.norm(last["actual_TCP_force"][:3])),
             "tcp_offset": self.tcp_offset,
             "payload": self.payload,
             "payload_cog": self.payload_cog,
@@ -556,3 +556,16 @@ def _six_of(tensor: np.ndarray) -> np.ndarray:
     """[Ixx, Iyy, Izz, Ixy, Ixz, Iyz] of a tensor (3, 3)."""
     tensor = np.asarray(tensor, dtype=float)
     return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+
+
+def warm_up(version: Version) -> None:
+    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time."""
+    controller = VirtualController(load_scenario("press_plate"), version, run=False)
+    q = controller.motion.target[0].tolist()
+    controller.run_script(
+        f"movej({[q[0] + 0.01, *q[1:]]})\nmovel(pose_add(get_target_tcp_pose(), p[0, 0, 0.002, 0, 0, 0]))\n"
+        f"speedl([0, 0, 0.01, 0, 0, 0], 1, 0.05)\nservoj({q}, t=0.05)\nx = get_inverse_kin(get_forward_kin())\n"
+        "x = get_mass_matrix()\nx = get_coriolis_and_centrifugal_torques()\nstopj(2)"
+    )
+    while controller.playing:
+        controller.tick()

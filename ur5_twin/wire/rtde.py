@@ -267,13 +267,15 @@ class RtdeClient(Client):
         self._inbox.append(self._inputs[number - 1].values(payload[1:]))
         if self._posted:
             return
+        # Before the action is posted: the tick may carry it out, and take this back, before post has even returned.
+        self._posted = True
         try:
             future = self.port.controller.post(self._write)
         except WireError as error:
+            self._posted = False
             self._inbox.clear()
             self.text(str(error), _ERROR)
             return
-        self._posted = True
         loop = asyncio.get_running_loop()
         future.add_done_callback(lambda done: loop.call_soon_threadsafe(self._written, done))
 

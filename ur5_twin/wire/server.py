@@ -102,6 +102,8 @@ class Server:
         self.controller = controller
         self._realtime = realtime
         self._ports = [*_build(controller, bind, ports or {}, late_packages), *devices]
+        #: Those that still publish.
+        self._published = list(self._ports)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._io: threading.Thread | None = None
         self._ticker: threading.Thread | None = None
@@ -242,11 +244,18 @@ class Server:
         self._waiting = 0
 
     def _publish(self, state: State) -> None:
-        for port in self._ports:
-            port.publish(state)
-        with self._room:
-            self._waiting -= 1
-            self._room.notify()
+        try:
+            for port in list(self._published):
+                try:
+                    port.publish(state)
+                except Exception as error:  # whatever it is: one port's fault must not silence the others
+                    self._published.remove(port)
+                    said = f"port {port.name} publishes no more: {type(error).__name__}: {error}"
+                    self.controller.post(lambda said=said: self.controller.say("error", said))
+        finally:
+            with self._room:
+                self._waiting -= 1
+                self._room.notify()
 
     # The tick thread.
 
