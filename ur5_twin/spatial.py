@@ -46,16 +46,20 @@ def rotation_from_vector(r: ArrayLike) -> np.ndarray:
     return Rotation.from_rotvec(r.reshape(-1, 3)).as_matrix().reshape(*r.shape, 3)
 
 
-def vector_from_rotation(R: ArrayLike) -> np.ndarray:
+def vector_from_rotation(R: ArrayLike, *, exact: bool = False) -> np.ndarray:
     """Rotation vectors (..., 3), rad, of length 0 to pi, from R (..., 3, 3); the inverse of ``rotation_from_vector``.
 
     Well conditioned up to and at pi, where the thesis' equations 2.9 and 2.10 divide by zero (it goes through the
     quaternion). At pi exactly r and -r are the same rotation and either may be returned.
+
+    Args:
+        R: rotations.
+        exact: they are rotations to rounding; otherwise the nearest ones are looked for, at five times the cost.
     """
     from scipy.spatial.transform import Rotation
 
     R = np.asarray(R, dtype=float)
-    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+    return Rotation.from_matrix(R.reshape(-1, 3, 3), assume_valid=exact).as_rotvec().reshape(R.shape[:-1])
 
 
 def rotation_angle(R: ArrayLike) -> np.ndarray:

@@ -56,6 +56,18 @@ def test_a_held_push_is_what_the_arm_exerts() -> None:
     assert np.allclose(estimate[-1], push, atol=1e-9)
 
 
+def test_it_forgets_in_the_same_time_at_any_tick() -> None:
+    arm, law = load_model("controller"), load_target_current_law()
+    torque = jacobian(arm, HOME).T @ np.array([20.0, -10.0, 5.0, 0.5, 0.2, -0.3])
+    current = torque * (1.0 / law.torque_constant + law.load)
+
+    def after(seconds: float, period: float) -> np.ndarray:
+        zero = np.zeros((round(seconds / period), 6))
+        return TcpForce(arm, period=period)(zero + HOME, zero, zero + current, zero, zero, zero)[-1]
+
+    np.testing.assert_allclose(after(0.16, 0.002), after(0.16, 0.008), rtol=1e-9)
+
+
 def test_friction_hides_what_it_may() -> None:
     law = load_target_current_law()
     moment = np.full((1, 6), 10.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from ur5_twin.arm import kinematics
 from ur5_twin.errors import WireError
 from ur5_twin.scenario import load_scenario
+from ur5_twin.twin.cell import Piece
 from ur5_twin.wire.controller import BOOTED, VirtualController
 from ur5_twin.wire.state import State
 from ur5_twin.wire.version import version
@@ -140,7 +142,9 @@ def test_a_killed_motion_brakes_and_another_thread_may_not_interfere(controller:
         ("movej([1, 2])", "list of 6 numbers"),
         ("movej()", "missing"),
         ("servoj([0, 0, 0, 0, 0, 0], gain=5)", "gain is 5"),
-        ("force_mode(1)", "force_mode is not simulated"),
+        ("direct_torque([0, 0, 0, 0, 0, 0])", "direct_torque is not simulated"),
+        ("force_mode(p[0,0,0,0,0,0], [0,0,2,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])", "zeros and ones"),
+        ("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 1, [1,1,1,1,1,1])", "only type 2"),
         ("set_payload(-1)", "payload of -1"),
         ("x = get_inverse_kin(p[3, 0, 0, 0, 0, 0])", "no joint position"),
         ("read_input_integer_register(99)", "0 to 47"),
@@ -234,6 +238,35 @@ def test_the_slider_and_a_pause_slow_a_move_down(controller: VirtualController) 
     np.testing.assert_allclose(controller.motion.target[0], np.array(goal) - 0.3, atol=1e-12)
 
 
+def test_force_mode_presses_with_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = VirtualController(load_scenario("press_plate"), CB3, run=False)
+    pressed: list[float] = []
+    observe = controller._telemetry.observe
+
+    def observed(piece: Piece) -> dict[str, dict[str, np.ndarray]]:
+        reported = observe(piece)
+        pressed.append(reported["robot"]["truth_wrench"][-1, 2])
+        return reported
+
+    monkeypatch.setattr(controller._telemetry, "observe", observed)
+    places: list[np.ndarray] = []
+    said = go(
+        controller,
+        """
+        movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.045, 0, 0, 0]), v=0.1)
+        force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -40, 0, 0, 0], 2, [1, 1, 0.02, 1, 1, 1])
+        sleep(3)
+        end_force_mode()
+        """,
+        watch=lambda s: places.append(np.asarray(s.signals["target_TCP_pose"])),
+    )
+    assert said == []
+    # The last second of force mode. Its belief is blind to friction: 40 N asked for, the plate feels 37 to 40.
+    assert np.mean(pressed[-150:-25]) == pytest.approx(40.0, abs=6.0)
+    assert max(pressed) < 55.0
+    np.testing.assert_allclose(places[-30][:2], places[0][:2], atol=1e-3)
+
+
 def test_a_collision_stops_and_can_be_unlocked() -> None:
     controller = VirtualController(load_scenario("collide_100"), CB3)
     while controller.cell.stop_tick is None:
@@ -290,6 +323,94 @@ def test_posted_actions_are_done_in_order_and_bounded(controller: VirtualControl
         controller.post(lambda: None)
     with pytest.raises(WireError, match="wait for the controller"):
         controller.post(lambda: None)
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, v=0.0000001)",
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, t=10000000)",
+        "movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.01, 0, 0, 0]), v=0.0000001)",
+        "movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.01, 0, 0, 0]), t=10000000)",
+        "speedj([0.5, 0, 0, 0, 0, 0], 1, 0.5)\nstopj(0.0000001)",
+        "speedl([1e300, 0, 0, 1e300, 0, 0], 1e300, 0.5)",
+        "sleep(1e305)",
+    ],
+)
+def test_programs_that_ask_for_too_much_cost_nothing(controller: VirtualController, script: str) -> None:
+    """However slow a motion is, its rows take no memory, and what cannot be ends at most the program."""
+    controller.run_script(script)
+    tracemalloc.start()
+    for _ in range(100):
+        controller.tick()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 3e6
+    assert controller.failure is None
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"movej({[0.1, -1.5, -1, -1, 1, 0]}, a=1e-300)",
+        "set_tcp(p[1e300, 0, 0, 0, 0, 0])",
+        "set_tcp(p[0, 0, 0, 1e300, 0, 0])",
+        "set_payload(1e308)",
+        "set_payload(1, [1000, 0, 0])",
+        "set_target_payload(1, [0, 0, 0], [-1, -1, -1, 9, 9, 9])",
+    ],
+)
+def test_what_no_arm_can_is_refused(controller: VirtualController, script: str) -> None:
+    (said,) = go(controller, script, 1.0)
+    assert said.startswith("script: line 1")
+    for _ in range(20):
+        controller.tick()
+    assert controller.failure is None
+    assert controller.cell.stop_reason is None
+
+
+def test_a_long_move_slowly_is_the_same_move(controller: VirtualController) -> None:
+    """At a slider that no tick divides, a line's rows come from two chunks at a time: still a line."""
+    controller.write_input("speed_slider_mask", 1)
+    controller.write_input("speed_slider_fraction", 0.37)
+    poses: list[np.ndarray] = []
+    go(
+        controller,
+        "sleep(1)\nmovel(pose_add(get_target_tcp_pose(), p[0, 0, -0.05, 0, 0, 0]), v=0.2)",
+        watch=lambda s: poses.append(np.asarray(s.signals["target_TCP_pose"])[:3]),
+    )
+    end = np.array(poses[-1])
+    assert poses[0][2] - end[2] == pytest.approx(0.05, abs=2e-4)
+    assert np.abs(np.array(poses)[:, :2] - end[:2]).max() < 2e-4
+
+
+def test_a_line_that_comes_too_near_to_a_singularity_ends_its_program(controller: VirtualController) -> None:
+    # Across the shoulder's axis: no inverse kinematics follows it.
+    script = "p1 = get_target_tcp_pose()\nmovel(p[-p1[0], -p1[1], p1[2], p1[3], p1[4], p1[5]])"
+    (said,) = go(controller, script)
+    assert "line 2: movel" in said
+    assert controller.cell.stop_reason is None
+
+
+def test_a_simulation_that_cannot_go_on_begins_anew(
+    controller: VirtualController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go(controller, f"movej({(controller.motion.target[0] + 0.1).tolist()})")
+    with monkeypatch.context() as broken:
+        broken.setattr(controller.cell, "advance", lambda rows: 1 / 0)
+        state = controller.tick()
+    assert state.signals["safety_mode"] == 9
+    assert "ZeroDivisionError" in controller.messages[-1].text
+    assert controller.tick() is state
+    with pytest.raises(WireError, match="cannot go on"):
+        controller.unlock_protective_stop()
+    controller.restart_safety()
+    controller.brake_release()
+    after = controller.tick()
+    assert after.timestamp == pytest.approx(state.timestamp + CB3.period)
+    assert after.tick == state.tick + 1
+    assert after.signals["safety_mode"] == 1
+    np.testing.assert_allclose(controller.measured, controller.scenario.q_start, atol=1e-3)
 
 
 def test_power_and_brakes(controller: VirtualController) -> None:

@@ -172,7 +172,7 @@ def _coordinates(R_BF: np.ndarray, orientation: Orientation) -> np.ndarray:
     if orientation == "zyz":
         return spatial.zyz_from_rotation(R_BF)
     if orientation == "rotation_vector":
-        return spatial.vector_from_rotation(R_BF)
+        return spatial.vector_from_rotation(R_BF, exact=True)
     raise ValueError(f"unknown orientation '{orientation}' (known: rotation_vector, zyz)")
 
 

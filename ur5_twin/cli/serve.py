@@ -96,6 +96,7 @@ def serve(
     with stop_signals() as stop:
         warm_up(software)
         controller = VirtualController(loaded, software, run=not idle)
+        controller.reaches_out = not _is_loopback(bind)
         devices = sensors.sensor_ports(loaded, bind, of_sensors)
         server = Server(
             controller, bind=bind, ports=numbers, devices=devices, late_packages=late_packages, realtime=realtime

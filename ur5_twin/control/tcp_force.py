@@ -29,12 +29,14 @@ from pathlib import Path
 import numba
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from ur5_twin.arm import files, kinematics
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
+from ur5_twin.filters import first_order
 
+#: The tick that the law was found at, s.
+TICK = 0.008
 #: Determinant of the Jacobian below which it is not inverted, m^3.
 _SINGULAR = 1e-9
 #: Target speed from which six decimals of target_current tell the drive's viscous friction, rad/s.
@@ -59,7 +61,7 @@ class TcpForceLaw:
 
     Attributes:
         current: the drives' law that is turned round.
-        weight: of a tick in the exponential average, 2 / (window + 1).
+        weight: of a tick of 8 ms in the exponential average, 2 / (window + 1).
         smallest: singular value of J in m and rad below which a direction carries no wrench.
         source: where the numbers come from.
     """
@@ -82,7 +84,7 @@ def load_tcp_force_law(path: Path | None = None, current: TargetCurrentLaw | Non
 
 
 class TcpForce:
-    """The estimate with its state, for rows of 8 ms one after the other, in pieces of any length.
+    """The estimate with its state, for rows one after the other, in pieces of any length.
 
     The controller's average before the first row is not known: it starts at zero and is forgotten with 0.12 s, or is
     what ``start`` takes from a first row of actual_TCP_force.
@@ -90,11 +92,14 @@ class TcpForce:
     Args:
         arm: the arm whose kinematics the Jacobian is of.
         law: by default what ``load_tcp_force_law`` returns.
+        period: between rows, s; the average is over the same time whatever it is.
     """
 
-    def __init__(self, arm: kinematics.Arm, law: TcpForceLaw | None = None) -> None:
+    def __init__(self, arm: kinematics.Arm, law: TcpForceLaw | None = None, *, period: float = TICK) -> None:
         self._arm = arm
         self._law = law or load_tcp_force_law()
+        # To the bit the law's own at its own tick.
+        self._weight = self._law.weight if period == TICK else 1.0 - (1.0 - self._law.weight) ** (period / TICK)
         self._average = np.zeros(N_JOINTS)
         self._moment: np.ndarray | None = None
         self._ratio = np.ones(N_JOINTS)
@@ -128,8 +133,8 @@ class TcpForce:
         ratio = last_known(viscous_ratio(self._law.current, *targets), self._ratio)
         self._ratio = ratio[-1].copy()
         torque = external_torque(self._law.current, current, qd, before, ratio)
-        decay = 1.0 - self._law.weight
-        average = lfilter([self._law.weight], [1.0, -decay], torque, axis=0, zi=decay * self._average[None])[0]
+        decay = 1.0 - self._weight
+        average, _ = first_order(self._weight, decay, torque, decay * self._average[None])
         self._average = average[-1].copy()
         return truncated_wrench(kinematics.jacobian(self._arm, q), average, self._law.smallest)
 
@@ -204,6 +209,8 @@ def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.n
     inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(J.shape[-1]), J))
     regular = ~singular & (1.0 / np.sqrt(np.einsum("nij,nij->n", inverse, inverse)) >= smallest)
     wrench[regular] = np.einsum("nji,nj->ni", inverse[regular], torque[regular])
+    if regular.all():
+        return wrench
     U, s, Vt = np.linalg.svd(J[~regular])
     along = np.einsum("nij,nj->ni", Vt, torque[~regular])
     kept = s >= smallest
@@ -213,6 +220,8 @@ def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.n
 
 def last_known(values: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The last number so far in each column of ``values`` (n, width), ``first`` (width,) where there is none yet."""
+    if len(values) == 1:
+        return np.where(np.isnan(values), first, values)
     rows = np.arange(len(values))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(values), -1, rows), axis=0)
     return np.where(last < 0, first, np.take_along_axis(values, np.maximum(last, 0), axis=0))

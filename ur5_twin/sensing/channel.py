@@ -15,7 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfilt_zi
+
+from ur5_twin.filters import first_order, second_order
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,9 @@ class Line:
         return values
 
     def _slow_noise(self, shape: tuple[int, ...]) -> np.ndarray:
-        if not shape[0]:
-            # lfilter forgets its memory over no rows.
-            return np.zeros(shape)
         pole = self._channel.slow_pole
         white = np.sqrt(1.0 - pole**2) * self._slow.standard_normal(shape)
-        slow, self._slow_memory = lfilter([1.0], [1.0, -pole], white, axis=0, zi=self._slow_memory)
+        slow, self._slow_memory = first_order(1.0, pole, white, self._slow_memory)
         return slow
 
     def _smoothed(self, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +150,8 @@ class Line:
             self._filter = np.asarray(butter(2, min(self._channel.bandwidth, 0.49 * rate), fs=rate, output="sos"))
             # It has seen the first value for ever.
             self._memory = sosfilt_zi(self._filter)[:, :, None] * values[0]
-        smooth, self._memory = sosfilt(self._filter, values, axis=0, zi=self._memory)
+        assert self._memory is not None
+        smooth, self._memory = second_order(self._filter, values, self._memory)
         return time, smooth
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -40,9 +41,23 @@ class FlangeMotion:
 
         R_FB (a_F - g + alpha x r + omega x (omega x r)) with r = R_BF point (thesis equation 5.9).
         """
-        omega, alpha = self.into_flange(self.omega), self.into_flange(self.alpha)
+        omega, alpha = self.omega_in_flange, self.alpha_in_flange
         turning = spatial.cross(alpha, point) + spatial.cross(omega, spatial.cross(omega, point))
-        return self.into_flange(self.acceleration) + turning
+        return self._acceleration_in_flange + turning
+
+    @cached_property
+    def omega_in_flange(self) -> np.ndarray:
+        """(n, 3) rad/s in flange axes."""
+        return self.into_flange(self.omega)
+
+    @cached_property
+    def alpha_in_flange(self) -> np.ndarray:
+        """(n, 3) rad/s^2 in flange axes."""
+        return self.into_flange(self.alpha)
+
+    @cached_property
+    def _acceleration_in_flange(self) -> np.ndarray:
+        return self.into_flange(self.acceleration)
 
     def into_flange(self, vectors: np.ndarray) -> np.ndarray:
         """(n, 3) vectors in base axes, in flange axes."""
@@ -65,7 +80,7 @@ def sensed_wrench(motion: FlangeMotion, wrench: np.ndarray, load: Load, p_FS: np
     in_flange = spatial.rotate_wrench(motion.R_FB, wrench)
     if load.mass > 0.0:
         force = -load.mass * motion.at(load.center)
-        omega, alpha = motion.into_flange(motion.omega), motion.into_flange(motion.alpha)
+        omega, alpha = motion.omega_in_flange, motion.alpha_in_flange
         # Row by row: one product of matrices rounds by the number of rows.
         turning = load.inertia @ np.stack([alpha, omega], axis=2)
         spin = turning[:, :, 0] + spatial.cross(omega, turning[:, :, 1])

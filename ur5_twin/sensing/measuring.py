@@ -8,7 +8,7 @@ from ur5_twin import spatial
 from ur5_twin.arm.parameters import FT_SENSOR, IMU_SENSOR, ArmModel
 from ur5_twin.sensing.channel import Line
 from ur5_twin.sensing.kinetics import FlangeMotion, sensed_wrench
-from ur5_twin.sensing.motor_noise import MotorNoise
+from ur5_twin.sensing.motor_noise import TICK, MotorNoise
 from ur5_twin.sensing.signals import Load, Signals
 from ur5_twin.sensing.specs import Clock, SensorSuite
 from ur5_twin.sensing.transport import Arrivals
@@ -33,7 +33,9 @@ class Measuring:
         self._suite, self._model, self._period = suite, model, period
         robot, ft, imu = rng.spawn(3)
         position, velocity, current, motors = robot.spawn(4)
-        self._motors = MotorNoise(suite.current_moving, suite.current_pole, motors)
+        # The same noise in time, whatever the tick.
+        pole = suite.current_pole ** (period / TICK)
+        self._motors = MotorNoise(suite.current_moving, pole, motors)
         self._arrivals = Arrivals(period)
         self._robot = {
             "actual_q": Line(suite.position, 6, position),
@@ -104,7 +106,7 @@ class Measuring:
         if self._imu is not None:
             truth = {
                 "imu_acc": motion.at(self._p_FA),
-                "imu_gyro": motion.into_flange(motion.omega),
+                "imu_gyro": motion.omega_in_flange,
                 "imu_mag": motion.R_FB @ self._suite.earth_field,
             }
             truth = {name: _turned(self._R_AF, values) for name, values in truth.items()}
@@ -139,9 +141,9 @@ class Device:
         clock = self._clock
         for name, line in self._lines.items():
             line.see(time, truth[name])
-        while self._due()[-1]:
+        while (due := self._due())[-1]:
             self._draw()
-        n = int(np.count_nonzero(self._due()))
+        n = int(np.count_nonzero(due))
         own, self._ahead = self._ahead[:n], self._ahead[n:]
         columns = {name: line.sample(self._on_robot(own)) for name, line in self._lines.items()}
         stamps = np.round(own / clock.stamp_step) * clock.stamp_step if clock.stamp_step else own
@@ -153,7 +155,11 @@ class Device:
 
     def _due(self) -> np.ndarray:
         """Which of the times drawn ahead are covered; rounding must not decide, or a cut elsewhere would otherwise."""
-        return np.all([line.covers(self._on_robot(self._ahead)) for line in self._lines.values()], axis=0)
+        at = self._on_robot(self._ahead)
+        due, *others = (line.covers(at) for line in self._lines.values())
+        for other in others:
+            due &= other
+        return due
 
     def _draw(self) -> None:
         """Draw times further ahead, always as many at once: they must not depend on how the truth is cut."""

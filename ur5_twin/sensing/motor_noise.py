@@ -8,8 +8,11 @@ current that is reported: an autoregressive noise of first order that stops with
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
+from ur5_twin.filters import first_order
+
+#: The tick at which the noise was measured, s.
+TICK = 0.008
 #: A joint moves at more than this, rad/s.
 _MOVING = 0.01
 
@@ -19,7 +22,7 @@ class MotorNoise:
 
     Args:
         std: (6,) standard deviation in motion, A.
-        pole: of x_k = pole x_k-1 + w_k at the robot's tick.
+        pole: of x_k = pole x_k-1 + w_k from row to row.
         rng: of the noise.
     """
 
@@ -31,5 +34,5 @@ class MotorNoise:
         """Currents (n, 6) in A with the noise of joints that move at qd (n, 6) rad/s."""
         white = self._rng.standard_normal(current.shape)
         gain = np.sqrt(1.0 - self._pole**2)
-        coloured, self._memory = lfilter([gain], [1.0, -self._pole], white, axis=0, zi=self._memory)
+        coloured, self._memory = first_order(float(gain), self._pole, white, self._memory)
         return current + self._std * coloured * (np.abs(qd) > _MOVING)

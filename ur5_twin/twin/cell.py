@@ -353,7 +353,7 @@ class Cell:
 
     def _warmth(self, n: int) -> np.ndarray:
         scale = self.setup.drives.friction.viscous_scale((self.tick + np.arange(n)) * self._period, self.setup.warm_for)
-        return np.ascontiguousarray(np.broadcast_to(scale[:, None], (n, 6)))
+        return np.repeat(scale, 6).reshape(n, 6)
 
     def _check_start(self) -> None:
         model, data = self.model, self.data

@@ -40,7 +40,7 @@ class Telemetry:
     ) -> None:
         self._setup, self._keep = setup, keep
         self._measuring = Measuring(suite, setup.plant, rng, period=setup.period)
-        self._force = TcpForce(setup.controller)
+        self._force = TcpForce(setup.controller, period=setup.period)
         self._dynamics = Dynamics(setup.controller)
         names = {geom_name(obstacle): float(i) for i, obstacle in enumerate(setup.obstacles)}
         self._obstacle_of = np.array([names.get(geom, THE_ARM) for geom in geoms])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import queue
 from collections import deque
 from collections.abc import Callable, Generator
@@ -25,6 +24,7 @@ from ur5_twin.twin.setup import carrying, setup_of
 from ur5_twin.twin.telemetry import Telemetry
 from ur5_twin.wire import modes
 from ur5_twin.wire.builtins import robot_functions
+from ur5_twin.wire.builtins.sockets import Sockets
 from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
@@ -37,6 +37,8 @@ T = TypeVar("T")
 BOOTED = 100.0
 #: Actions that wait for a tick, messages that are kept, ticks of measured positions that programs may ask for.
 _ACTIONS, _MESSAGES, _HISTORY = 1000, 200, 500
+#: What a payload can be: twice what a UR5 lifts, kg; its centre within this of the flange, m.
+_HEAVIEST, _FARTHEST = 10.0, 1.0
 #: An arm that is this near to the program's start can play it, rad.
 _AT_START = 1e-3
 #: Columns of the robot's table that are no signals of RTDE: the truth, and the time under another name.
@@ -92,6 +94,7 @@ class VirtualController:
         registers: what programs and clients leave for one another.
         popup: the text of an open popup; None if there is none.
         operational_mode: ``NONE``, ``MANUAL`` or ``AUTOMATIC``.
+        reaches_out: whether programs may connect to other machines.
 
     Raises:
         TwinError: the scenario asks for what cannot be.
@@ -103,22 +106,21 @@ class VirtualController:
         self.model: ArmModel = self.setup.controller
         self._planned = plan(self.model, scenario.q_start, program_of(scenario), period=version.period).rows
         self.cell = Cell(self.setup)
-        suite = load_sensors(scenario.sensors.preset, late_packages=False)
-        rng = np.random.default_rng(scenario.seed if seed is None else seed)
-        self._telemetry = Telemetry(self.setup, self.cell.geoms, suite, rng, keep=False)
+        self._ticks_before = 0
+        self._suite = load_sensors(scenario.sensors.preset, late_packages=False)
+        self._rng = np.random.default_rng(scenario.seed if seed is None else seed)
+        self._telemetry = self._devices()
         self.motion = Motion(self.model, scenario.q_start, version.period)
         self.registers = Registers()
         self.messages: deque[Message] = deque(maxlen=_MESSAGES)
         self.failure: str | None = None
         self.popup: str | None = None
         self.operational_mode = "NONE"
+        self.reaches_out = False
         self.robot_mode = RobotMode.RUNNING
         #: Pose of the tool centre point in the flange, as a vector, m and rad; payload in kg, its centre in m, flange.
         self.tcp_offset = np.zeros(6)
-        tool = self.model.tool
-        self.payload = 0.0 if tool is None else float(tool.mass)
-        self.payload_cog = np.zeros(3) if tool is None else np.asarray(tool.center, dtype=float)
-        self.payload_inertia = np.zeros(6) if tool is None else _six_of(tool.inertia)
+        self._forget_payload()
         self.measured = np.array(scenario.q_start, dtype=float)
         self.history: deque[np.ndarray] = deque(maxlen=_HISTORY)
         self.outputs = 0
@@ -131,11 +133,22 @@ class VirtualController:
         self._playing = False
         self._numbered = 0
         self._was_stopped = False
-        self._functions = {**library(), **robot_functions(self)}
+        self._sockets = Sockets(self)
+        self._functions = {**library(), **robot_functions(self, self._sockets)}
         if run and len(self._planned) > 1:
             self._play_planned()
         self.state = State(0, BOOTED, {}, False)
         self.tick()
+
+    def _devices(self) -> Telemetry:
+        return Telemetry(self.setup, self.cell.geoms, self._suite, self._rng, keep=False)
+
+    def _forget_payload(self) -> None:
+        """Believe in the scenario's own tool again."""
+        tool = self.model.tool
+        self.payload = 0.0 if tool is None else float(tool.mass)
+        self.payload_cog = np.zeros(3) if tool is None else np.asarray(tool.center, dtype=float)
+        self.payload_inertia = np.zeros(6) if tool is None else _six_of(tool.inertia)
 
     # For any thread
 
@@ -157,7 +170,12 @@ class VirtualController:
     @property
     def time(self) -> float:
         """The controller's clock, s."""
-        return BOOTED + self.cell.tick * self.version.period
+        return BOOTED + self.ticks * self.version.period
+
+    @property
+    def ticks(self) -> int:
+        """Ticks since it was made."""
+        return self._ticks_before + self.cell.tick
 
     @property
     def playing(self) -> bool:
@@ -178,11 +196,29 @@ class VirtualController:
                     future.set_exception(error)
         if self.failure is not None:
             return self.state
-        self._heed_inputs()
-        self._run_programs()
-        row = self.motion.step() if self.cell.stop_tick is None else self.motion.target
+        try:
+            row = self._reference()
+            self._advance(row)
+        except Exception as error:  # whatever it is, the ports go on and say so
+            self._fail(f"{type(error).__name__}: {error}")
+        return self.state
+
+    def _reference(self) -> np.ndarray:
+        """The next target row (3, 6), by what programs and clients want."""
+        try:
+            self._heed_inputs()
+            self._run_programs()
+            row = self.motion.step() if self.cell.stop_tick is None else self.motion.target
+        except Exception as error:  # a program's, that nothing foresaw: it ends, the arm brakes
+            self.say("error", f"the program ends: {type(error).__name__}: {error}")
+            self._end_programs()
+            self.motion.stop()
+            row = self.motion.step()
         if self._playing and self.motion.move is not self._own_move:
             self._playing = False
+        return row
+
+    def _advance(self, row: np.ndarray) -> None:
         pieces = self.cell.advance(row[None])
         if pieces:
             reported = self._telemetry.observe(pieces[-1])
@@ -195,7 +231,6 @@ class VirtualController:
             self._was_stopped = True
             self.say("error", str(self.cell.stop_reason))
             self._end_programs()
-        return self.state
 
     def _fail(self, why: str) -> None:
         self.failure = why
@@ -211,6 +246,7 @@ class VirtualController:
                 self._report(self._program)
                 self._program = None
                 self._watchdogs.clear()
+                self._sockets.close_all()
                 self._release_arm()
         for program in self._secondary:
             program.step()
@@ -232,7 +268,7 @@ class VirtualController:
     def _published(self, reported: dict[str, dict[str, np.ndarray]]) -> State:
         robot = reported["robot"]
         last = {name: values[-1] for name, values in robot.items() if not name.startswith(_PRIVATE)}
-        tick = self.cell.tick - 1
+        tick = self.ticks - 1
         stamp = BOOTED + tick * self.version.period
         signals: dict[str, Value] = {**self.registers.signals, **last, **self._modes()}
         signals["timestamp"] = stamp
@@ -265,6 +301,9 @@ class VirtualController:
         if self._raw_wrench is not None:
             signals["ft_raw_wrench"] = self._raw_wrench
         readings = {device: reported[device] for device in ("ft", "imu") if device in reported}
+        if self._ticks_before:
+            gone = self._ticks_before * self.version.period
+            readings = {device: {**rows, "time": rows["time"] + gone} for device, rows in readings.items()}
         return State(tick, stamp, signals, bool(last["target_qd"].any()), readings)
 
     _raw_wrench: np.ndarray | None = None
@@ -308,14 +347,23 @@ class VirtualController:
     def _tool_twist(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return kinematics.point_jacobian(self.model, q, 6, self.tcp_offset[:3]) @ qd
 
+    def tool_arm(self, p_FT: np.ndarray) -> np.ndarray:
+        """(3,) m, base axes: from the flange, where it was measured, to a point (3,) of it."""
+        return kinematics.forward(self.model, self.measured)[:3, :3] @ p_FT
+
     def carry(self, mass: float, center: np.ndarray, tensor: np.ndarray) -> None:
         """What set_payload does: the controller believes in that at the flange, whatever hangs there.
 
         Raises:
-            ScriptError: no mass, or a negative one.
+            ScriptError: nothing that a UR5 could carry.
         """
-        if not 0.0 <= mass < math.inf:
-            raise ScriptError(f"a payload of {mass:g} kg")
+        if not 0.0 <= mass <= _HEAVIEST:
+            raise ScriptError(f"a payload of {mass:g} kg: 0 to {_HEAVIEST:g} kg can be")
+        if np.abs(center).max() > _FARTHEST:
+            raise ScriptError(f"a payload whose centre is more than {_FARTHEST:g} m from the flange")
+        least, *_, most = np.linalg.eigvalsh(tensor)
+        if not -1e-9 <= least <= most <= _HEAVIEST * _FARTHEST**2:
+            raise ScriptError(f"a payload whose moments of inertia are {least:g} to {most:g} kg m^2")
         self.payload, self.payload_cog, self.payload_inertia = mass, center, _six_of(tensor)
         bare = self.model.with_tool(None)
         self.cell.tell(carrying(bare, mass, center, tensor))
@@ -358,6 +406,7 @@ class VirtualController:
             self._program = None
         self._playing = False
         self._watchdogs.clear()
+        self._sockets.close_all()
         self.motion.paused = False
         self._release_arm()
 
@@ -374,7 +423,7 @@ class VirtualController:
         Raises:
             WireError: there is no such register.
         """
-        self._written[name] = self.cell.tick
+        self._written[name] = self.ticks
         if not self.registers.write_named(name, value):  # type: ignore[arg-type]
             self._inputs[name] = value
 
@@ -385,7 +434,7 @@ class VirtualController:
         self._watchdogs = [dog for dog in self._watchdogs if dog.name != name]
         if frequency > 0.0:
             ticks = max(1, round(1.0 / frequency / self.version.period))
-            self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.cell.tick))
+            self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.ticks))
 
     def _heed_inputs(self) -> None:
         if self._inputs.pop("speed_slider_mask", 0) and "speed_slider_fraction" in self._inputs:
@@ -395,7 +444,7 @@ class VirtualController:
             bits = int(self._inputs.get(f"{which}_digital_output", 0))  # type: ignore[arg-type]
             self.outputs = (self.outputs & ~(mask << first)) | ((bits & mask) << first)
         for dog in self._watchdogs:
-            if self.cell.tick - max(dog.since, self._written.get(dog.name, 0)) > dog.ticks and self.playing:
+            if self.ticks - max(dog.since, self._written.get(dog.name, 0)) > dog.ticks and self.playing:
                 if dog.action == "stop":
                     self.say("error", f"{dog.name} was not written as often as rtde_set_watchdog asks for")
                     self._end_programs()
@@ -470,8 +519,23 @@ class VirtualController:
         self.motion.rest_at(self.cell.target[0])
 
     def restart_safety(self) -> None:
-        """As ``unlock_protective_stop``; the robot is powered off afterwards, as the real one."""
-        self.unlock_protective_stop()
+        """As ``unlock_protective_stop``; the robot is powered off afterwards, as the real one.
+
+        A simulation that could not go on begins anew: the arm at the scenario's start, the scenario's time at zero. The
+        controller's clock goes on.
+
+        Raises:
+            WireError: the arm still brakes.
+        """
+        if self.failure is None:
+            self.unlock_protective_stop()
+        else:
+            self._ticks_before = self.ticks
+            self.cell.reset()
+            self._telemetry = self._devices()
+            self._forget_payload()
+            self.failure, self._was_stopped = None, False
+            self.motion.rest_at(self.scenario.q_start)
         self.power_off()
 
     def close_popup(self) -> None:

@@ -7,18 +7,21 @@ to rest.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import expm
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveJ, MoveL, Program
-from ur5_twin.control.limits import check_position
-from ur5_twin.control.program import plan
-from ur5_twin.control.trajectory import require_positive, stop
+from ur5_twin.control.blend import Leg, leg
+from ur5_twin.control.cartesian import Line, check_line
+from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveJ, MoveL
+from ur5_twin.control.limits import check_position, check_rows
+from ur5_twin.control.profile import Trapezoid, ticks
+from ur5_twin.control.trajectory import require_positive, still
 from ur5_twin.errors import TwinError
 
 #: How fast the speed slider and a pause change the speed of motion, 1/s.
@@ -29,8 +32,24 @@ BRAKING = 4.0
 _DAMPING = 0.02
 #: Joints closer than this to their limits turn no further, rad.
 _MARGIN = 1e-3
+#: A line's joints are followed at points this far from one another or more, m.
+_GUIDE = 1e-3
+#: Rows of a move that are computed at once, and places at which it is looked at before it begins.
+_CHUNK, _PLACES = 16, 65
+#: No tool goes faster, m/s and rad/s.
+_FASTEST = 20.0
+#: A move takes no longer, s: some years.
+_LONGEST = 1e8
 
 Rows = Generator[np.ndarray, None, None]
+
+
+class Planned(Protocol):
+    """Rows (3, 6) of a motion, one a tick: an array (n, 3, 6), or what computes them as they are needed."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, k: int, /) -> np.ndarray: ...
 
 
 class Move:
@@ -39,12 +58,14 @@ class Move:
     Attributes:
         over: it has come to its end, or was broken off.
         reached: a stream's speed is what was asked for; of other motions, that they are over.
+        error: why the arm could not go on; None if it could.
     """
 
     def __init__(self, rows: Rows) -> None:
         self.rows = rows
         self.over = False
         self.reached = False
+        self.error: TwinError | None = None
 
 
 class Motion:
@@ -75,12 +96,15 @@ class Motion:
         return self.move is not None or bool(self.target[1:].any())
 
     def step(self) -> np.ndarray:
-        """The reference (3, 6) of the next tick."""
+        """The reference (3, 6) of the next tick. A move that cannot go on has an ``error``; the arm brakes."""
         wanted = 0.0 if self.paused else self.slider
         change = _RAMP * self.period
         self.scaling += min(max(wanted - self.scaling, -change), change)
         if self.move is not None:
-            row = next(self.move.rows, None)
+            try:
+                row = next(self.move.rows, None)
+            except TwinError as error:
+                row, self.move.error = None, error
             if row is not None:
                 self.target = row
                 return row
@@ -88,7 +112,7 @@ class Motion:
             self.move = None
         if self.target[1:].any():
             self.move = Move(self._braking(BRAKING))
-            return self.step()
+            self.target = next(self.move.rows)
         return self.target
 
     def rest_at(self, q: np.ndarray) -> None:
@@ -98,8 +122,8 @@ class Motion:
 
     # Motions; each breaks off the one before
 
-    def rows(self, rows: np.ndarray) -> Move:
-        """Follow planned rows (n, 3, 6), one a tick, the first where the reference rests."""
+    def rows(self, rows: Planned) -> Move:
+        """Follow planned rows, one a tick, the first where the reference rests."""
         return self._begin(self._planned(rows))
 
     def along(self, command: MoveJ | MoveL) -> Move:
@@ -109,8 +133,7 @@ class Motion:
             TwinError: out of reach or beyond the joints' limits.
         """
         braking = list(self._braking(BRAKING)) if self.target[1].any() else []
-        q = braking[-1][0] if braking else self.target[0]
-        planned = plan(self.model, q, Program((command,)), period=self.period).rows
+        planned = self._plan(braking[-1][0] if braking else self.target[0], command)
 
         def both() -> Rows:
             yield from braking
@@ -147,7 +170,14 @@ class Motion:
         """
         require_positive("speedl", a=a)
         move = Move(_NOTHING)
-        move.rows = self._tool_speed(np.asarray(xd, dtype=float), a, p_FT, move)
+        wanted = np.clip(xd, -_FASTEST, _FASTEST)
+        move.rows = self._tool_speed(lambda: wanted, a, p_FT, move)
+        return self._begin(move)
+
+    def guided(self, wanted: Callable[[], np.ndarray], a: float, p_FT: np.ndarray) -> Move:
+        """As ``speedl``, at a twist (6,) that is asked for anew each tick."""
+        move = Move(_NOTHING)
+        move.rows = self._tool_speed(lambda: np.clip(wanted(), -_FASTEST, _FASTEST), a, p_FT, move)
         return self._begin(move)
 
     def stop(self, a: float = BRAKING) -> Move:
@@ -174,7 +204,12 @@ class Motion:
 
     # Generators of rows
 
-    def _planned(self, rows: np.ndarray) -> Rows:
+    def _plan(self, q: np.ndarray, command: MoveJ | MoveL) -> Planned:
+        # Only the distance of a line's guiding points depends on the period here.
+        way = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name)
+        return still(q, 1) if way is None else _Way(self.model, way, self.period)
+
+    def _planned(self, rows: Planned) -> Rows:
         """Rows at the speed that slider and pause allow."""
         at, last = 0.0, len(rows) - 1
         while at < last:
@@ -209,10 +244,10 @@ class Motion:
             move.reached = share == 1.0
             yield self._with_speed(qd + share * missing)
 
-    def _tool_speed(self, wanted: np.ndarray, a: float, p_FT: np.ndarray, move: Move) -> Rows:
+    def _tool_speed(self, wanted: Callable[[], np.ndarray], a: float, p_FT: np.ndarray, move: Move) -> Rows:
         twist = self._twist(p_FT)
         while True:
-            missing = wanted - twist
+            missing = wanted() - twist
             size = max(np.linalg.norm(missing[:3]), np.linalg.norm(missing[3:]), 1e-12)
             share = min(1.0, a * self.period / size)
             move.reached = share == 1.0
@@ -232,16 +267,67 @@ class Motion:
         return np.stack([ahead, qd, (qd - before) / self.period])
 
     def _braking(self, a: float) -> Rows:
-        rows = stop(self.target[0], self.target[1], deceleration=a, period=self.period)
+        """``trajectory.stop``, row by row: however softly it brakes. Before a joint's limit it brakes harder."""
+        q, qd = self.target[0], self.target[1]
         limit = self.model.limits.q
-        rows[:, 0] = np.clip(rows[:, 0], -limit, limit)
-        yield from rows[1:] if len(rows) > 1 else [np.stack([rows[0, 0], np.zeros(6), np.zeros(6)])]
+        speed = np.abs(qd)
+        if not speed.any():
+            yield np.stack([q, np.zeros(6), np.zeros(6)])
+            return
+        room = np.where(qd > 0.0, limit - q, limit + q)[speed > 0.0]
+        within = float(np.max([0.0, np.min(2.0 * room / speed[speed > 0.0])])) / self.period
+        n = max(1, ticks(min(speed.max() / a, 1e15), self.period))
+        n = max(1, min(n, int(min(within, 1e18))))
+        duration = n * self.period
+        end, rate = np.clip(q + 0.5 * qd * duration, -limit, limit), -qd / duration
+        for k in range(n - 1, 0, -1):
+            left = k * self.period
+            yield np.stack([end + 0.5 * left**2 * rate, -left * rate, rate])
+        yield np.stack([end, np.zeros(6), np.zeros(6)])
 
     def _jacobian(self, p_FT: np.ndarray) -> np.ndarray:
         return kinematics.point_jacobian(self.model, self.target[0], 6, p_FT)
 
     def _twist(self, p_FT: np.ndarray) -> np.ndarray:
         return self._jacobian(p_FT) @ self.target[1]
+
+
+class _Way:
+    """A move's rows, computed some at a time as they are needed, however long it takes.
+
+    Raises:
+        TwinError: at its beginning, or where it gets there: it passes a joint's limit or a singularity; or it takes for
+            ever.
+    """
+
+    def __init__(self, model: ArmModel, way: Leg, period: float) -> None:
+        self._model, self._leg, self._period = model, way, period
+        self._law = Trapezoid(way.way.length, way.v, way.a)
+        if self._law.duration > _LONGEST:
+            raise TwinError(f"{way.way.name} takes {self._law.duration:.3g} s; {_LONGEST:g} s at most")
+        self._last = ticks(self._law.duration, period)
+        # A move that is slowed down looks at two rows for many ticks, perhaps of two chunks.
+        self._chunks: dict[int, np.ndarray] = {}
+        x, xd, xdd = self._law.at(np.linspace(0.0, self._law.duration, _PLACES))
+        check_rows(model.limits, way.way.rows(x, xd, xdd), lambda k: way.way.where(x[k]))
+
+    def __len__(self) -> int:
+        return self._last + 1
+
+    def __getitem__(self, k: int, /) -> np.ndarray:
+        if k == self._last:
+            return still(self._leg.way.goal, 1)[0]
+        chunk, place = divmod(k, _CHUNK)
+        if chunk not in self._chunks:
+            # With the row before, for the step between.
+            first = max(chunk * _CHUNK - 1, 0)
+            x, xd, xdd = self._law.at(np.arange(first, (chunk + 1) * _CHUNK) * self._period)
+            rows = self._leg.way.rows(x, xd, xdd)
+            if isinstance(self._leg.way, Line):
+                check_line(self._model, rows, self._period, lambda j: self._leg.way.where(x[j]))
+            self._chunks = {k: old for k, old in self._chunks.items() if k == chunk - 1}
+            self._chunks[chunk] = rows[chunk * _CHUNK - first :]
+        return self._chunks[chunk][place]
 
 
 def _nothing() -> Rows:

@@ -144,6 +144,13 @@ class ArmState:
         p_FT = self._offset("get_jacobian", tcp)[:3, 3]
         return kinematics.point_jacobian(self._model, angles, 6, p_FT).tolist()
 
+    def get_jacobian_time_derivative(self, q: Any = None, qd: Any = None, tcp: Any = None) -> list[list[float]]:
+        """Of get_jacobian, at angles and speeds that are by default the measured ones."""
+        angles = self._controller.measured if q is None else numbers("get_jacobian_time_derivative: q", q)
+        speeds = self._signal("actual_qd") if qd is None else numbers("get_jacobian_time_derivative: qd", qd)
+        p_FT = self._offset("get_jacobian_time_derivative", tcp)[:3, 3]
+        return kinematics.jacobian_dot(self._model, angles, speeds, 6, p_FT).tolist()
+
     def get_mass_matrix(self, q: Any = None, include_rotors_inertia: Any = True) -> list[list[float]]:
         """Of the controller's model, kg m^2."""
         angles = self._controller.measured if q is None else numbers("get_mass_matrix: q", q)

@@ -71,7 +71,7 @@ class Moving:
 
     def freedrive_mode(self, freeAxes: Any = None, feature: Any = None) -> None:
         """Give way to pushes, in all axes."""
-        self._claim()
+        self.claim()
         self._motion.free(self._controller.measured_positions())
 
     def end_freedrive_mode(self) -> None:
@@ -86,9 +86,6 @@ class Moving:
         """Stand again."""
         self._motion.stop()
 
-    def end_force_mode(self) -> None:
-        """Nothing to end."""
-
     @property
     def _motion(self) -> Any:
         return self._controller.motion
@@ -101,7 +98,12 @@ class Moving:
         X_BF = spatial.pose_from_vector(goal) @ np.linalg.inv(self._controller.X_FT)
         return FlangePose(tuple(spatial.vector_from_pose(X_BF).tolist()))
 
-    def _claim(self) -> None:
+    def claim(self) -> None:
+        """Take the arm for the thread whose turn it is.
+
+        Raises:
+            ScriptError: another thread has it.
+        """
         thread = self._controller.thread
         if thread is None:
             raise ScriptError("a secondary program must not move the robot")
@@ -110,12 +112,14 @@ class Moving:
         self._mover = thread
 
     def _until_over(self, begin: Callable[[], Move]) -> Waiting:
-        self._claim()
+        self.claim()
         move = begin()
         self._waits += 1
         try:
             while not move.over:
                 yield
+            if move.error is not None:
+                raise move.error
         finally:
             self._waits -= 1
             if not move.over:
@@ -123,7 +127,7 @@ class Moving:
 
     def _for(self, begin: Callable[[], Move], seconds: float) -> Waiting:
         """Wait so long, or until the speed is reached if no time is given; the motion goes on."""
-        self._claim()
+        self.claim()
         move = begin()
         ticks = max(1, round(seconds / self._motion.period))
         self._waits += 1

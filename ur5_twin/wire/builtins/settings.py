@@ -8,10 +8,13 @@ import numpy as np
 
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.builtins.arguments import number, numbers
-from ur5_twin.wire.urscript import Pose
+from ur5_twin.wire.urscript import Pose, shown
 
 if TYPE_CHECKING:
     from ur5_twin.wire.controller import VirtualController
+
+#: The tool centre point is within this of the flange, m; parts of its rotation vector, rad.
+_FARTHEST, _TURNS = 10.0, 100.0
 
 
 class Settings:
@@ -48,7 +51,10 @@ class Settings:
 
     def set_tcp(self, pose: Any, tcp_name: Any = "") -> None:
         """Pose of the tool centre point in the flange."""
-        self._controller.tcp_offset = numbers("set_tcp: the pose", pose)
+        offset = numbers("set_tcp: the pose", pose)
+        if np.abs(offset[:3]).max() > _FARTHEST or np.abs(offset[3:]).max() > _TURNS:
+            raise ScriptError(f"set_tcp: {shown(pose)[:60]} is more than {_FARTHEST:g} m or {_TURNS:g} rad away")
+        self._controller.tcp_offset = offset
 
     def get_tcp_offset(self) -> Pose:
         """Pose of the tool centre point in the flange."""
@@ -63,14 +69,6 @@ class Settings:
         up = numbers("set_gravity: d", d, 3)
         if up[2] <= 0.0 or np.abs(up[:2]).max() > 0.05 * up[2]:
             raise ScriptError("set_gravity: the simulated arm stands upright; only [0, 0, 9.82] is")
-
-    def force_mode_set_damping(self, damping: Any) -> None:
-        """Checked, and of no consequence: there is no force mode. ur_rtde's program begins with it."""
-        number("force_mode_set_damping: damping", damping)
-
-    def force_mode_set_gain_scaling(self, scaling: Any) -> None:
-        """As ``force_mode_set_damping``."""
-        number("force_mode_set_gain_scaling: scaling", scaling)
 
     def _carry(self, what: str, m: Any, cog: Any, inertia: Any) -> None:
         mass = number(f"{what}: m", m)
