@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from ur5_twin import spatial
 
@@ -157,3 +158,23 @@ def test_power_does_not_depend_on_the_point_or_the_frame() -> None:
     wrench_j = spatial.rotate_wrench(R_ji, moved[1])
     back = (np.swapaxes(V, -1, -2) @ wrench_j[..., None])[..., 0]
     np.testing.assert_allclose(back, wrench_i, atol=10 * ROUNDING)
+
+
+@settings(deadline=None)  # kernels compile
+@given(st.integers(0, 2**32 - 1), st.sampled_from([((5, 3), (5, 3)), ((1, 3), (4, 3)), ((3,), (4, 3)), ((4, 3), (3,))]))
+def test_cross_is_numpys_to_the_bit(seed: int, shapes: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = (rng.standard_normal(shape) for shape in shapes)
+    np.testing.assert_array_equal(spatial.cross(a, b), np.cross(a, b))
+
+
+@settings(deadline=None)  # kernels compile
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e-3, 1e-9, 0.0]))
+def test_exact_rotations_give_scipys_vectors_to_the_bit(seed: int, size: float) -> None:
+    """At rest, at tiny angles, anywhere, and at half turns, where the sign is a matter of taste."""
+    rng = np.random.default_rng(seed)
+    vectors = rng.uniform(-2.0, 2.0, (50, 3)) * size
+    half_turns = [np.diag(signs) for signs in ((1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0))]
+    R = np.concatenate([Rotation.from_rotvec(vectors).as_matrix(), half_turns])
+    expected = Rotation.from_matrix(R, assume_valid=True).as_rotvec()
+    np.testing.assert_array_equal(spatial.vector_from_rotation(R, exact=True), expected)

@@ -160,6 +160,9 @@ def joint_rows(*inputs: ArrayLike) -> tuple[list[np.ndarray], tuple[int, ...]]:
         ValueError: the last axis does not hold six joints.
     """
     arrays = [np.asarray(x, dtype=float) for x in inputs]
+    shape = arrays[0].shape
+    if len(shape) == 2 and shape[1] == N_JOINTS and all(x.shape == shape for x in arrays):
+        return [np.ascontiguousarray(x) for x in arrays], shape[:1]
     if any(x.shape != arrays[0].shape for x in arrays):
         arrays = list(np.broadcast_arrays(*arrays))
     shape = arrays[0].shape

@@ -203,14 +203,14 @@ def external_torque(
 
 def truncated_wrench(J: np.ndarray, torque: np.ndarray, smallest: float) -> np.ndarray:
     """F (n, 6) with J' F = torque, without the directions whose singular value of J (n, 6, 6) is below ``smallest``."""
-    wrench = np.empty_like(torque)
     # 1 / |J^-1| in Frobenius' norm is a lower bound of the smallest singular value that costs a third of finding it.
     singular = np.abs(np.linalg.det(J)) < _SINGULAR
-    inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(J.shape[-1]), J))
+    inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(J.shape[-1]), J) if singular.any() else J)
     regular = ~singular & (1.0 / np.sqrt(np.einsum("nij,nij->n", inverse, inverse)) >= smallest)
-    wrench[regular] = np.einsum("nji,nj->ni", inverse[regular], torque[regular])
     if regular.all():
-        return wrench
+        return np.einsum("nji,nj->ni", inverse, torque)
+    wrench = np.empty_like(torque)
+    wrench[regular] = np.einsum("nji,nj->ni", inverse[regular], torque[regular])
     U, s, Vt = np.linalg.svd(J[~regular])
     along = np.einsum("nij,nj->ni", Vt, torque[~regular])
     kept = s >= smallest

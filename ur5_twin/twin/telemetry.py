@@ -22,6 +22,14 @@ NORMAL, PROTECTIVE_STOP = 1.0, 3.0
 A_PUSH, THE_ARM = -1.0, -2.0
 #: What contact_link counts: 1 to 6 the links, 7 the tool.
 LINKS = (*BODY_NAMES, "tool")
+#: The contacts of a piece without any.
+_NO_CONTACTS = {
+    "time": np.empty(0),
+    "contact_link": np.empty((0, 1)),
+    "contact_obstacle": np.empty((0, 1)),
+    "contact_point": np.empty((0, 3)),
+    "contact_force": np.empty((0, 3)),
+}
 
 
 class Telemetry:
@@ -133,6 +141,10 @@ class Telemetry:
     def _contacts(self, piece: Piece) -> dict[str, np.ndarray]:
         """One row per contact and push that acts at a tick."""
         trace, every = piece.trace, piece.steps
+        time = piece.time
+        pushing = [push for push in self._setup.pushes if push.acts_within(time[0], time[-1] + piece.period)]
+        if not pushing and not len(trace.contact_row):
+            return dict(_NO_CONTACTS)
         found = {
             "time": [trace.time[trace.contact_row]],
             "contact_link": [trace.contact_link.astype(float)],
@@ -140,11 +152,8 @@ class Telemetry:
             "contact_point": [trace.contact_point],
             "contact_force": [trace.contact_force],
         }
-        time = piece.time
-        frames = kinematics.link_frames(self._setup.plant, trace.q[::every]) if self._setup.pushes else None
-        for push in self._setup.pushes:
-            if not push.acts_within(time[0], time[-1] + piece.period):
-                continue
+        frames = kinematics.link_frames(self._setup.plant, trace.q[::every]) if pushing else None
+        for push in pushing:
             wrench = push.wrench(time)
             acts = wrench.any(axis=1)
             link = LINKS.index(push.body) + 1

@@ -342,7 +342,7 @@ class VirtualController:
         return spatial.pose_from_vector(self.tcp_offset)
 
     def _tool_pose(self, q: np.ndarray) -> np.ndarray:
-        return spatial.vector_from_pose(kinematics.forward(self.model, q) @ self.X_FT)
+        return spatial.vector_from_pose(kinematics.forward(self.model, q) @ self.X_FT, exact=True)
 
     def _tool_twist(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return kinematics.point_jacobian(self.model, q, 6, self.tcp_offset[:3]) @ qd
