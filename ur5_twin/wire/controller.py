@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import queue
 from collections import deque
 from collections.abc import Callable, Generator
@@ -559,7 +560,10 @@ def _six_of(tensor: np.ndarray) -> np.ndarray:
 
 
 def warm_up(version: Version) -> None:
-    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time."""
+    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time.
+
+    What lives by then is left out of the search for garbage: all of it takes tens of milliseconds, many ticks.
+    """
     controller = VirtualController(load_scenario("press_plate"), version, run=False)
     q = controller.motion.target[0].tolist()
     controller.run_script(
@@ -569,3 +573,5 @@ def warm_up(version: Version) -> None:
     )
     while controller.playing:
         controller.tick()
+    gc.collect()
+    gc.freeze()
