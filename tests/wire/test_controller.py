@@ -70,7 +70,8 @@ def test_movel_is_straight(controller: VirtualController) -> None:
     places: list[np.ndarray] = []
     go(
         controller,
-        "set_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel(pose_add(get_target_tcp_pose(), p[0.05, 0.1, -0.05, 0, 0, 0]))",
+        # The tool turns on its way, so that the flange goes a bent one.
+        "set_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel(pose_add(get_target_tcp_pose(), p[0.05, 0.1, -0.05, 0.5, 0, 0]))",
         watch=lambda s: places.append(np.asarray(s.signals["target_TCP_pose"])[:3]),
     )
     moved = [place for place in places if np.linalg.norm(place - places[0]) > 1e-3]
@@ -462,7 +463,7 @@ def test_the_reference_keeps_within_the_joints_limits(steps: list) -> None:
         motion.slider = slider
         try:
             if kind == "movej":
-                motion.along(MoveJ(tuple(scenario.q_start + numbers), a=rate, v=0.5))
+                motion.along(MoveJ(tuple(scenario.q_start + numbers), a=rate, v=0.5), np.eye(4))
             elif kind == "servoj":
                 motion.servoj(scenario.q_start + numbers, 0.1, rate)
             elif kind == "stopj":
