@@ -29,7 +29,7 @@ from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
 from ur5_twin.wire.state import State, Value
-from ur5_twin.wire.urscript import Interpreter, library, parse
+from ur5_twin.wire.urscript import Interpreter, library, limits, parse
 from ur5_twin.wire.version import Version
 
 T = TypeVar("T")
@@ -382,7 +382,7 @@ class VirtualController:
             self.say("error", str(error))
             return
         if program.secondary:
-            if len(self._secondary) < 8:
+            if len(self._secondary) < limits.SECONDARY:
                 self._secondary.append(interpreter)
             return
         if why := self._cannot_run():

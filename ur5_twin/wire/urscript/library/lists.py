@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ur5_twin.errors import ScriptError
+from ur5_twin.wire.urscript.costs import costs
 from ur5_twin.wire.urscript.values import is_number, listed, shown
 
 
@@ -62,6 +63,7 @@ def size(v: Any) -> int | list[int]:
     return length(v)
 
 
+@costs(100)
 def inv(m: Any) -> list[list[float]]:
     """Inverse of a square matrix."""
     found = array("inv", m, (2,))
@@ -84,6 +86,7 @@ def dot(a: Any, b: Any) -> float:
     return float(left @ right)
 
 
+@costs(20)
 def cross(a: Any, b: Any) -> list[float]:
     """Cross product of two vectors of three."""
     left, right = array("cross", a), array("cross", b)
