@@ -170,7 +170,7 @@ class _Compiler:
                 continue
             before = self._words
             function.defaults = {name: self._expression(e) for name, e in one.parameters if e is not None}
-            function.price = self._price(one.line, before) + len(one.parameters) // 4
+            function.price = self._price(one.line, before)
             function.body = self._scoped(one.body)
         code = self._block(body)
         self._known.pop()

@@ -8,6 +8,8 @@ from typing import Final
 PROGRAM: Final = 1_000_000
 #: Brackets and blocks within one another.
 NESTING: Final = 50
+#: Parameters of a function.
+PARAMETERS: Final = 100
 #: Calls within one another.
 CALLS: Final = 50
 #: Threads at work at once, the program's own among them.

@@ -18,6 +18,8 @@ from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript import limits
 
 _INT = 2**31
+#: From here on floats are shown with an exponent.
+_LONG = 1e15
 
 
 class Pose(list[float]):
@@ -138,7 +140,10 @@ def shown(value: Value) -> str:
     if isinstance(value, float):
         if not math.isfinite(value):
             return str(value)
-        return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:.6g}"
+        if abs(value) >= _LONG:
+            return f"{value:.6g}"
+        decimal = f"{value:.6f}".rstrip("0").rstrip(".")
+        return "0" if decimal == "-0" else decimal
     if isinstance(value, list):
         inner = ", ".join(shown(item) for item in value)
         return f"{'p' if isinstance(value, Pose) else ''}[{inner}]"

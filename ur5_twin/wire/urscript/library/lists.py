@@ -63,8 +63,7 @@ def size(v: Any) -> int | list[int]:
     return length(v)
 
 
-@costs(100)
-def inv(m: Any) -> list[list[float]]:
+def inverse(m: Any) -> list[list[float]]:
     """Inverse of a square matrix."""
     found = array("inv", m, (2,))
     try:
@@ -108,7 +107,6 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "get_list_length": get_list_length,
     "length": length,
     "size": size,
-    "inv": inv,
     "transpose": transpose,
     "dot": dot,
     "cross": cross,

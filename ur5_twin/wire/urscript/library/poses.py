@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ur5_twin import spatial
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript.costs import costs
-from ur5_twin.wire.urscript.library.lists import array
+from ur5_twin.wire.urscript.library.lists import array, inverse
 from ur5_twin.wire.urscript.values import Pose, is_number, shown
 
 
@@ -100,10 +101,22 @@ def wrench_trans(T_from_to: Any, w_from: Any) -> list[float]:
     return [*force.tolist(), *moment.tolist()]
 
 
+@costs(100)
+def inv(m: Any) -> Pose | list[list[float]]:
+    """Inverse of a square matrix or of a pose."""
+    return pose_inv(m) if isinstance(m, Pose) else inverse(m)
+
+
 @costs(20)
 def rotvec2rpy(rotation_vector: Any) -> list[float]:
     """Roll, pitch and yaw (rad) of a rotation vector: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    return Rotation.from_rotvec(_three("rotvec2rpy", rotation_vector)).as_euler("xyz").tolist()
+    R = Rotation.from_rotvec(_three("rotvec2rpy", rotation_vector)).as_matrix()
+    upright = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], upright)
+    if upright < spatial.ZYZ_SINGULAR_SIN:
+        # Only the sum or difference of roll and yaw exists: all of it is the roll.
+        return [math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0]
+    return [math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])]
 
 
 @costs(20)
@@ -120,6 +133,7 @@ def _three(name: str, value: Any) -> np.ndarray:
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "inv": inv,
     "pose_trans": pose_trans,
     "pose_inv": pose_inv,
     "pose_add": pose_add,
