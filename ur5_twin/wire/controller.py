@@ -132,7 +132,7 @@ class VirtualController:
         self._secondary: list[Interpreter] = []
         self._playing = False
         self._numbered = 0
-        self._was_stopped = False
+        self._was_stopped = self._loaded = False
         self._sockets = Sockets(self)
         self._functions = {**library(), **robot_functions(self, self._sockets)}
         if run and len(self._planned) > 1:
@@ -184,7 +184,9 @@ class VirtualController:
 
     def tick(self) -> State:
         """Go on by one tick. Nothing that clients and programs do makes this raise."""
-        while True:
+        self._loaded = False
+        # One program a tick: reading it takes a while, and a client may send many.
+        while not self._loaded:
             try:
                 action, future = self._actions.get_nowait()
             except queue.Empty:
@@ -375,6 +377,7 @@ class VirtualController:
 
         A ``sec`` program runs beside it. What is wrong with any is said in ``messages``.
         """
+        self._loaded = True
         try:
             program = parse(text)
             interpreter = Interpreter(program, self._functions)

@@ -146,7 +146,7 @@ class _Compiler:
         self._library = library
         self._known: list[dict[str, Function]] = []
         self._words = 0
-        self._signatures: dict[str, inspect.Signature] = {}
+        self._fitting: set[tuple[str, int, tuple[str, ...]]] = set()
 
     def program(self, program: Program) -> Code:
         body = program.body
@@ -455,12 +455,13 @@ class _Compiler:
         builtin = self._library.get(one.name)
         if builtin is None:
             raise ScriptError(f"line {one.line}: there is no function '{one.name}'")
-        if one.name not in self._signatures:
-            self._signatures[one.name] = inspect.signature(builtin)
-        try:
-            self._signatures[one.name].bind(*one.arguments, **dict(one.named))
-        except TypeError as error:
-            raise ScriptError(f"line {one.line}: {one.name}: {error}") from None
+        call_of = (one.name, n, tuple(names))
+        if call_of not in self._fitting:
+            try:
+                inspect.signature(builtin).bind(*one.arguments, **dict(one.named))
+            except TypeError as error:
+                raise ScriptError(f"line {one.line}: {one.name}: {error}") from None
+            self._fitting.add(call_of)
         waits = inspect.isgeneratorfunction(builtin)
         cost: int = getattr(builtin, "cost", _WAITING if waits else _BUILTIN)
 

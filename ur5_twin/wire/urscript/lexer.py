@@ -105,6 +105,8 @@ def tokens(text: str) -> Tokens:
         lines.append(line)
         if kind == "newline":
             line += 1
+        if len(kinds) > limits.WORDS:
+            raise ScriptError(f"line {line}: a program of more than {limits.WORDS} words")
     return found
 
 

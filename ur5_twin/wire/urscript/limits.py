@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-#: Characters of a program; ur_rtde's has 42,000.
+#: Characters of a program, and words: names, numbers, signs and ends of lines. ur_rtde's has 50,000 and 9,000.
 PROGRAM: Final = 1_000_000
+WORDS: Final = 100_000
 #: Brackets and blocks within one another.
 NESTING: Final = 50
 #: Parameters of a function.
