@@ -274,7 +274,7 @@ def _place(of: Value, indices: Sequence[Value]) -> tuple[list, int]:
     for depth, index in enumerate(indices):
         if not isinstance(of, list):
             raise ScriptError(f"{shown(of)[:40]} is no list{' of lists' if depth else ''}")
-        if not is_number(index) or index != int(index):  # type: ignore[arg-type]
+        if not is_number(index) or not float(index).is_integer():  # type: ignore[arg-type]
             raise ScriptError(f"an index is a whole number, not {shown(index)[:40]}")
         i = int(index)  # type: ignore[arg-type]
         if not 0 <= i < len(of):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ur5_twin.errors import ScriptError
-from ur5_twin.wire.urscript.values import is_number, kept, shown, text
+from ur5_twin.wire.urscript.values import kept, shown, text
 
 _NUMBER = re.compile(
     r"\s*(?:(?P<whole>[+-]?\d+)|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?i:inf)|0[xX](?P<hex>[\da-fA-F]{1,16}))\s*",
@@ -67,7 +67,7 @@ def str_len(str: Any) -> int:
 def str_find(src: Any, target: Any, start_from: Any = 0) -> int:
     """Where a string is in another, from a place on; -1 if it is not."""
     _strings("str_find", src, target)
-    if not is_number(start_from):
+    if not isinstance(start_from, int) or start_from < 0:
         raise ScriptError(f"str_find from {shown(start_from)[:40]}: not a place")
     return src.find(target, int(start_from))
 
