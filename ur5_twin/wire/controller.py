@@ -43,6 +43,8 @@ _HEAVIEST, _FARTHEST = 10.0, 1.0
 _AT_START = 1e-3
 #: Columns of the robot's table that are no signals of RTDE: the truth, and the time under another name.
 _PRIVATE = ("truth_", "time", "safety_mode")
+#: Inputs that programs may watch at once.
+_DOGS = 50
 #: Digital outputs: eight standard, eight configurable, two of the tool.
 _OUTPUTS = {"standard": 0, "configurable": 8, "tool": 16}
 
@@ -436,6 +438,8 @@ class VirtualController:
             raise ScriptError(f"rtde_set_watchdog: '{action}'; it knows ignore, pause and stop")
         self._watchdogs = [dog for dog in self._watchdogs if dog.name != name]
         if frequency > 0.0:
+            if len(self._watchdogs) >= _DOGS:
+                raise ScriptError(f"rtde_set_watchdog: more than {_DOGS} inputs are watched")
             ticks = max(1, round(1.0 / frequency / self.version.period))
             self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.ticks))
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript import Interpreter, costs, library, limits, parse
 
 ENDLESS = "while True:\n x = 1\nend"

@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Mapping
 from types import GeneratorType
 from typing import Any
 
+import numpy as np
+
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript import limits
 from ur5_twin.wire.urscript.compiler import VARIABLE, Code, Running, Scope, compiled
@@ -86,7 +88,16 @@ class Interpreter:
         self._left = min(self._left, 0) + limits.TICK // self._share
         turns = [*self._late, *(handle for handle in self._threads if handle not in self._late)]
         self._late = []
-        for index, handle in enumerate(turns):
+        # What overflows is infinite: the program's affair, nothing to warn of.
+        with np.errstate(all="ignore"):
+            self._turns(turns)
+        if self.made > limits.COUNTED and self._threads:
+            self.made = 0
+            if self._holds_too_much():
+                self._fail(next(iter(self._threads.values())), "the variables hold more than a program may keep")
+
+    def _turns(self, handles: list[int]) -> None:
+        for index, handle in enumerate(handles):
             thread = self._threads.get(handle)
             if thread is None:
                 continue
@@ -95,13 +106,9 @@ class Interpreter:
             if critical is not None and critical is not thread and critical.exhausted:
                 continue
             if self._left <= 0:
-                self._late = turns[index:]
+                self._late = handles[index:]
                 break
             self._turn(handle, thread)
-        if self.made > limits.COUNTED and self._threads:
-            self.made = 0
-            if self._holds_too_much():
-                self._fail(next(iter(self._threads.values())), "more lists than a program may keep")
 
     def kill_all(self) -> None:
         """End the program; what waits in it is closed."""

@@ -30,7 +30,7 @@ COUNTED: Final = 250_000
 STATEMENTS: Final = 3000
 TICK: Final = 6000
 #: What a single expression may spend beyond that. It cannot be interrupted: what it spends too much, its thread waits.
-OVERDRAFT: Final = 20_000
+OVERDRAFT: Final = 10_000
 #: Words of an expression.
 EXPRESSION: Final = 10_000
 #: Secondary programs at once; each has that part of the times above.

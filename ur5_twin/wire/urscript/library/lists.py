@@ -28,11 +28,13 @@ def array(name: str, value: Any, dimensions: tuple[int, ...] = (1,)) -> np.ndarr
     return found
 
 
+@costs(8)
 def norm(a: Any) -> float:
     """Length of a vector, or the size of a number."""
     return abs(a) if is_number(a) else float(np.linalg.norm(array("norm", a)))
 
 
+@costs(8)
 def normalize(v: Any) -> list[float]:
     """The unit vector along v."""
     found = array("normalize", v)
@@ -77,6 +79,7 @@ def transpose(m: Any) -> list[list[float]]:
     return array("transpose", m, (2,)).T.tolist()
 
 
+@costs(8)
 def dot(a: Any, b: Any) -> float:
     """Inner product of two vectors."""
     left, right = array("dot", a), array("dot", b)
