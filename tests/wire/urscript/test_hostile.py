@@ -179,7 +179,7 @@ def test_what_is_long_but_within_the_limits_runs(text: str) -> None:
         ("def p():\n p()\nend", "calls within one another"),
         (
             "def p():\n def f(n):\n  return " + "1 + (" * 40 + "f(n)" + ")" * 40 + "\n end\n f(0)\nend",
-            "calls within|recursion",
+            "calls within|calls too deep",
         ),
         ("def p():\n thread t():\n  while True:\n   h = run t()\n  end\n end\n join run t()\nend", "threads at once"),
         ('s = "ab"\nwhile True:\n s = str_cat(s, s)\nend', "16384 are the most"),

@@ -179,7 +179,8 @@ class Interpreter:
             over = True
         except Exception as error:  # a built-in's, whatever it is, ends the program that called it
             self._now = None
-            self._fail(thread, str(error) or type(error).__name__)
+            deep = isinstance(error, RecursionError)
+            self._fail(thread, "calls too deep within one another" if deep else str(error) or type(error).__name__)
             return
         self._now = None
         self._left += thread.left

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import repeat
 from typing import Any, TypeVar
 
@@ -197,6 +197,7 @@ def arithmetic(sign: str, a: Value, b: Value) -> Value:
         return text(shown(a) + shown(b))
     if sign == "*" and _is_matrix(a) and isinstance(b, list):
         return _product(a, b)  # type: ignore[arg-type]
+    pairs: Iterable[tuple[Any, Any]]
     if isinstance(a, list) and isinstance(b, list):
         if len(a) != len(b):
             raise ScriptError(f"lists of {len(a)} and {len(b)} in {shown(a)[:40]} {sign} {shown(b)[:40]}")
@@ -259,7 +260,7 @@ def set_item(of: Value, indices: Sequence[Value], value: Value) -> None:
         raise ScriptError("a list's item would be nothing: the function gives no value")
     if isinstance(before, list) != isinstance(value, list):
         raise ScriptError("a list's item stays a number or a list")
-    holder[i] = value
+    holder[i] = value  # type: ignore[assignment]
     if type(value) in NUMBERS:
         return
     try:
@@ -291,6 +292,8 @@ def _is_matrix(value: Value) -> bool:
 
 def _product(a: list[list[float]], b: list) -> Value:
     """Matrix times matrix or column."""
+    left: Any
+    right: Any
     try:
         left, right = np.array(a), np.array(b)
     except ValueError:
