@@ -208,7 +208,7 @@ def arithmetic(sign: str, a: Value, b: Value) -> Value:
         pairs = zip(repeat(a), b)
     else:
         raise ScriptError(f"there is no {shown(a)[:40]} {sign} {shown(b)[:40]}")
-    work = _NUMBERS[sign]
+    work: Callable[[Any, Any], Any] = _NUMBERS[sign]
     # Floats are most of what lists hold, and need no check.
     found = [work(x, y) if type(x) is float is type(y) else arithmetic(sign, x, y) for x, y in pairs]
     return Pose(found) if isinstance(a, Pose) or isinstance(b, Pose) else found
