@@ -7,6 +7,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -382,8 +383,9 @@ class VirtualController:
         """
         self._loaded = True
         try:
-            program = parse(text)
-            interpreter = Interpreter(program, self._functions)
+            with _no_garbage_search():
+                program = parse(text)
+                interpreter = Interpreter(program, self._functions)
         except ScriptError as error:
             self.say("error", str(error))
             return
@@ -564,6 +566,18 @@ def _six_of(tensor: np.ndarray) -> np.ndarray:
     """[Ixx, Iyy, Izz, Ixy, Ixz, Iyz] of a tensor (3, 3)."""
     tensor = np.asarray(tensor, dtype=float)
     return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+
+
+@contextmanager
+def _no_garbage_search() -> Generator[None, None, None]:
+    """What is made within stays: looking for garbage in it again and again takes most of a large program's time."""
+    searches = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if searches:
+            gc.enable()
 
 
 def warm_up(version: Version) -> None:
