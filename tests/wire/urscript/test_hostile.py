@@ -308,6 +308,14 @@ def test_whatever_is_held_counts(text: str) -> None:
     assert "more than a program may keep" in said or "calls within" in said
 
 
+def test_structs_that_grow_within_are_counted_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "COUNTED", 0)
+    text = "v = struct(a = 1)\n" + "v = struct(a = v)\n" * 8
+    text += "q = v\n" + "".join(f"q{'.a' * (8 * k)} = v\nsync()\n" for k in range(1, 6))
+    assert outcome(text, ticks=20) == "ran"
+    assert "structs more than 10 deep" in outcome(text + "t = q", ticks=20)
+
+
 def test_what_is_made_and_left_is_no_harm() -> None:
     text = "i = 0\nwhile i < 2000:\n a = make_list(2000, i)\n i = i + 1\nend"
     assert outcome(text, ticks=3000) == "ran"

@@ -16,6 +16,8 @@ from ur5_twin.wire.urscript.values import Struct, Value, shown, weight
 
 #: What a generator takes of memory, as numbers in a list.
 _FRAME = 16
+#: So much deeper than when they were made may structs be whose innermost parts got others since.
+_DEEPER = 2 * limits.NESTING
 
 
 class _Thread(Running):
@@ -218,12 +220,12 @@ class Interpreter:
                 here = frame.f_locals
                 for value in [here[name] for name in frame.f_code.co_varnames if name in here]:
                     if isinstance(value, list | Struct | str):
-                        held += weight(value, -2)
+                        held += weight(value, -_DEEPER)
                         continue
                     scope = value if isinstance(value, Scope) else None
                     while scope is not None and id(scope) not in scopes:
                         scopes.add(id(scope))
-                        held += sum(VARIABLE + weight(kept) for kept in scope.variables.values())
+                        held += sum(VARIABLE + weight(kept, -_DEEPER) for kept in scope.variables.values())
                         scope = scope.parent
                 if held > limits.HELD:
                     return True
