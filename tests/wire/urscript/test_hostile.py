@@ -144,6 +144,9 @@ DEEP = 5000
         "x = 1\n" * 30_000,
         "#" * 2_000_000,
         "x = [" + "1, " * 2000 + "1]",
+        # What a reader that goes back would read again and again.
+        "x = " + "1" * 900_000 + "a",
+        "x = " + "p[" * 45 + "1" + "]" * 44,
     ],
     ids=lambda text: text[:12].replace("\n", " "),
 )
@@ -162,8 +165,10 @@ def test_what_nests_too_deeply_or_is_too_long_is_refused(text: str) -> None:
         "x = 0\nif x == 1:\n x = 1\n" + "elif x == 2:\n x = 1\n" * 5000 + "end",
         "x = 1\n" * 20_000,
         "x = " + "1" * 100_000,
+        "s = '1'\nwhile str_len(s) < 16384:\n s = s + s\nend\nx = str_len(s + '')\ny = to_num(s)",
         "x = 0x" + "1" * 100_000,
         "# " + "x" * 900_000,
+        "x = 0\nif x == 1:\n x = " + "p[" * 45 + "1" + "]" * 45 + "\nend",
         "def f(n):\n if n == 0:\n  return 0\n end\n return n + f(n - 1)\nend\nx = f(48)",
     ],
     ids=lambda text: text[:12].replace("\n", " "),

@@ -286,14 +286,9 @@ class _Parser:
     def _postfix(self, of: Expression) -> Expression:
         steps = 0
         while True:
-            begin = self._at
-            line, sign = self._lines[begin], self._fixed[begin]
+            line, sign = self._lines[self._at], self._fixed[self._at]
             if sign == "[":
-                self._at += 1
-                of = Index(line, of, self._items("]"))
-                if not 1 <= len(of.indices) <= 2:
-                    self._at = begin
-                    raise self._wrong(f"{len(of.indices)} indices; a list has one, a matrix two")
+                of = Index(line, of, self._indices())
             elif sign == ".":
                 self._at += 1
                 of = Member(line, of, self._name())
@@ -310,12 +305,12 @@ class _Parser:
         if kind == "name":
             if self._accept("("):
                 return self._call(line, word)
-            if word == "p" and self._accept("["):
+            if word == "p" and self._is("["):
                 # Six numbers are a pose; one or two are indices into a variable that is called p.
-                items = self._items("]")
+                items = self._indices(_POSE)
                 if len(items) == _POSE:
                     return ListOf(line, items, pose=True)
-                self._at = at + 1
+                return Index(line, Name(line, word), items)
             return Name(line, word)
         if kind == "number":
             return Literal(line, _number(word))
@@ -337,6 +332,16 @@ class _Parser:
                 return ListOf(line, self._items("]"))
         self._at = at
         raise self._error("a value")
+
+    def _indices(self, *also: int) -> tuple[Expression, ...]:
+        """One index or two in their brackets, or as many items as one of ``also``."""
+        begin = self._at
+        self._at += 1
+        items = self._items("]")
+        if len(items) not in (1, 2, *also):
+            self._at = begin
+            raise self._wrong(f"{len(items)} indices; a list has one, a matrix two")
+        return items
 
     def _items(self, closing: str) -> tuple[Expression, ...]:
         items: list[Expression] = []

@@ -10,7 +10,7 @@ from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript.values import kept, shown, text
 
 _NUMBER = re.compile(
-    r"\s*(?:(?P<whole>[+-]?\d+)|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?i:inf)|0[xX](?P<hex>[\da-fA-F]{1,16}))\s*",
+    r"\s*+(?:(?P<whole>[+-]?\d++)|[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?+|[+-]?(?i:inf)|0[xX](?P<hex>[\da-fA-F]{1,16}))\s*+",
     re.ASCII,
 )
 _DIGITS = 20
