@@ -253,12 +253,8 @@ class _Compiler:
                 struct, new = found
                 if not isinstance(struct, Struct) or name not in struct:
                     raise ScriptError(f"{values.shown(struct)[:40]} has no '{name}'")
-                before, struct[name] = struct[name], thread.own(_given(name, new))
-                try:
-                    values.bounded(struct)
-                except ScriptError:
-                    struct[name] = before
-                    raise
+                struct[name] = thread.own(_given(name, new))
+                values.bounded(struct)
 
             return _then(_all([of, value]), set_member)
         indices = [self._expression(index) for index in one.target.indices]

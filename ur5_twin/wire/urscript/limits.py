@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-#: Characters of a program, and words: names, numbers, signs and ends of lines. ur_rtde's has 50,000 and 9,000.
+#: Characters of a program, and words: names, numbers, signs and ends of lines. ur_rtde's has 50,000 and 7,500.
 PROGRAM: Final = 1_000_000
 WORDS: Final = 100_000
 #: Brackets and blocks within one another.

@@ -261,13 +261,8 @@ def set_item(of: Value, indices: Sequence[Value], value: Value) -> None:
     if isinstance(before, list) != isinstance(value, list):
         raise ScriptError("a list's item stays a number or a list")
     holder[i] = value  # type: ignore[assignment]
-    if type(value) in NUMBERS:
-        return
-    try:
+    if type(value) not in NUMBERS:
         listed(of if isinstance(of, list) else holder)
-    except ScriptError:
-        holder[i] = before
-        raise
 
 
 def _place(of: Value, indices: Sequence[Value]) -> tuple[list, int]:
