@@ -312,6 +312,23 @@ def test_a_watchdog_stops_a_program_whose_client_is_gone(controller: VirtualCont
     assert "input_int_register_0" in controller.messages[-1].text
 
 
+def test_each_of_several_programs_has_a_tick(controller: VirtualController) -> None:
+    """Those of one burst do not replace one another before they began."""
+    for k in range(3):
+        controller.post(lambda k=k: controller.run_script(f"write_output_integer_register({k}, {k + 5})"))
+    seen = []
+    for _ in range(3):
+        controller.tick()
+        seen.append([controller.registers.read("output", "int", k) for k in range(3)])
+    assert seen == [[5, 0, 0], [5, 6, 0], [5, 6, 7]]
+
+
+def test_as_many_inputs_are_watched_as_make_sense(controller: VirtualController) -> None:
+    controller.run_script('i = 0\nwhile True:\n i = i + 1\n rtde_set_watchdog(to_str(i), 1, "ignore")\nend')
+    controller.tick()
+    assert "more than 50 inputs are watched" in controller.messages[-1].text
+
+
 def test_posted_actions_are_done_in_order_and_bounded(controller: VirtualController) -> None:
     done: list[int] = []
     futures = [controller.post(lambda k=k: done.append(k)) for k in range(10)]
