@@ -143,7 +143,7 @@ DEEP = 5000
         "while True:\n" * DEEP + "end\n" * DEEP,
         "def f():\n" * DEEP + "end\n" * DEEP,
         "def f(" + ", ".join(f"a{number}" for number in range(DEEP)) + "):\nend",
-        "x = 1\n" * 30_000,
+        "x = 1\n" * 90_000,
         "#" * 2_000_000,
         "x = [" + "1, " * 2000 + "1]",
         # What a reader that goes back would read again and again.
