@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ur5_twin import spatial
 from ur5_twin.arm import kinematics
 from ur5_twin.errors import WireError
 from ur5_twin.scenario import load_scenario
@@ -81,6 +82,114 @@ def test_movel_is_straight(controller: VirtualController) -> None:
     # An idle controller publishes as target what it measured: the first place is that far off.
     assert max(off) < 1e-4
     assert np.linalg.norm(places[0] - start) == pytest.approx(0.1, abs=1e-3)
+
+
+def rows_of(controller: VirtualController, script: str) -> np.ndarray:
+    """(n, 3, 6) the reference at each tick until the program is over and the arm rests."""
+    controller.run_script(script)
+    rows = [controller.motion.target]
+    for _ in range(4000):
+        controller.tick()
+        rows.append(controller.motion.target)
+        if not controller.playing and not controller.motion.moving:
+            return np.array(rows)
+    raise AssertionError("it does not end")
+
+
+def continuous(rows: np.ndarray, period: float) -> None:
+    """Each row is where the speeds of the rows lead."""
+    mean = 0.5 * (rows[1:, 1] + rows[:-1, 1])
+    # 2 to 20 rad/s^2 change within a tick at the ends of ramps, and a scaled plan is a cubic between its rows.
+    assert np.abs(np.diff(rows[:, 0], axis=0) / period - mean).max() < 0.02
+    assert np.abs(np.diff(rows[:, 1], axis=0)).max() < 20.0 * period
+
+
+CORNER = """
+def corner():
+  set_tcp(p[0, 0, 0.1, 0, 0, 0])
+  p1 = get_target_tcp_pose()
+  p2 = pose_add(p1, p[0, 0.12, 0, 0, 0, 0])
+  p3 = pose_add(p2, p[0, 0, -0.12, 0.3, 0, 0])
+  FIRST
+  SECOND
+end
+"""
+LINES = ("movel(p2, 1.2, 0.2, 0, RADIUS)", "movel(p3, 1.2, 0.2)")
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        LINES,
+        ("movej(get_inverse_kin(p2), 2, 0.5, 0, RADIUS)", "movej(get_inverse_kin(p3), 2, 0.5)"),
+        ("movel(p2, 1.2, 0.2, 0, RADIUS)", "movej(p3, 2, 0.5)"),
+        ("movep(p2, 1.2, 0.2, RADIUS)", "movep(p3, 1.2, 0.2)"),
+    ],
+    ids=["lines", "joints", "line and joints", "movep"],
+)
+@pytest.mark.parametrize("slider", [1.0, 0.3])
+def test_moves_with_a_radius_blend(controller: VirtualController, first: str, second: str, slider: float) -> None:
+    controller.motion.slider = controller.motion.scaling = slider
+    X_FT = spatial.pose(np.eye(3), [0.0, 0.0, 0.1])
+    start = kinematics.forward(controller.model, controller.motion.target[0]) @ X_FT
+    corner, end = start[:3, 3] + [0.0, 0.12, 0.0], start[:3, 3] + [0.0, 0.12, -0.12]
+    rows = rows_of(controller, CORNER.replace("FIRST", first).replace("SECOND", second).replace("RADIUS", "0.04"))
+    continuous(rows, CB3.period)
+    tool = (kinematics.forward(controller.model, rows[:, 0]) @ X_FT)[:, :3, 3]
+    np.testing.assert_allclose(tool[-1], end, atol=1e-6)
+    distance = np.linalg.norm(tool - corner, axis=1)
+    nearest = int(np.argmin(distance))
+    # It cuts the corner, within the radius, and is never at rest between its ends.
+    assert 1e-3 < distance[nearest] < 0.04
+    assert np.abs(rows[30:-30, 1]).max(axis=1).min() > 0.02 * slider
+    if "movel" in first + second and "movej" not in second:
+        # Before and behind the circle it keeps to the lines.
+        before, behind = distance[:nearest] > 0.041, distance[nearest:] > 0.041
+        line = tool[:nearest][before] - start[:3, 3]
+        assert np.abs(line[:, [0, 2]]).max() < 1e-6
+        assert np.abs(tool[nearest:][behind][:, :2] - corner[:2]).max() < 1e-6
+
+
+def test_a_blend_keeps_the_speed_of_a_straight_way(controller: VirtualController) -> None:
+    rows = rows_of(
+        controller,
+        "p1 = get_target_tcp_pose()\nmovel(pose_add(p1, p[0, 0.1, 0, 0, 0, 0]), 1.2, 0.2, 0, 0.03)\n"
+        "movel(pose_add(p1, p[0, 0.2, 0, 0, 0, 0]), 1.2, 0.2)",
+    )
+    place = kinematics.forward(controller.model, rows[:, 0])[:, 1, 3]
+    speed = np.diff(place) / CB3.period
+    assert speed[30:-30].min() == pytest.approx(0.2, abs=1e-3)
+    assert speed.max() == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("script", "rests"),
+    [
+        # Nothing follows, or something else than a move.
+        ("movel(p2, 1.2, 0.2, 0, 0.04)", 1),
+        ("movel(p2, 1.2, 0.2, 0, 0.04)\n  sleep(2)\n  movel(p3, 1.2, 0.2)", 2),
+        # To where it is already, and the same way back.
+        ("movel(p2, 1.2, 0.2, 0, 0.04)\n  movel(p2, 1.2, 0.2)", 1),
+        ("movel(p2, 1.2, 0.2, 0, 5.0)\n  movel(p1, 1.2, 0.2)", 1),
+    ],
+)
+def test_what_cannot_blend_comes_to_its_goal(controller: VirtualController, script: str, rests: int) -> None:
+    text = CORNER.replace("FIRST", script).replace("SECOND", "")
+    start = kinematics.forward(controller.model, controller.motion.target[0])[:3, 3]
+    rows = rows_of(controller, text)
+    continuous(rows, CB3.period)
+    still = ~rows[:, 1].any(axis=1)
+    begins = np.flatnonzero(still[1:] & ~still[:-1]) + 1
+    assert len(begins) == rests
+    corner = kinematics.forward(controller.model, rows[begins[0], 0])[:3, 3] - start
+    np.testing.assert_allclose(corner, [0.0, 0.0 if "p1, 1.2" in script else 0.12, 0.0], atol=1e-6)
+
+
+def test_a_move_out_of_reach_ends_a_program_though_it_would_blend(controller: VirtualController) -> None:
+    text = CORNER.replace("FIRST", LINES[0]).replace("SECOND", "movel(p[3, 0, 0, 0, 0, 0])").replace("RADIUS", "0.04")
+    rows = rows_of(controller, text)
+    assert any("reach" in message.text for message in controller.messages)
+    continuous(rows, CB3.period)
 
 
 def test_servoj_goes_after_its_set_point(controller: VirtualController) -> None:

@@ -21,7 +21,7 @@ from ur5_twin.arm.inverse_kinematics import nearest
 from ur5_twin.arm.kinematics import acceleration as flange_acceleration
 from ur5_twin.arm.kinematics import forward
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.cartesian import Line, check_line, interpolate, joint_rows, line, track
+from ur5_twin.control.cartesian import Line, check_line, flange_motion, interpolate, joint_rows, line, track
 from ur5_twin.control.commands import Move, MoveJ, Pose
 from ur5_twin.control.limits import check_position, check_rates, check_rows
 from ur5_twin.control.profile import Trapezoid, ticks
@@ -81,11 +81,11 @@ class Path:
 
 
 @dataclass(frozen=True)
-class _Corner:
+class Corner:
     """A blend: d_A and d_B of its two legs, and its time if both are passed at their full speeds.
 
-    ``guide`` (m, 6) holds the joints at evenly spaced times where both legs are lines of the flange: then the poses are
-    summed, otherwise the joints.
+    ``guide`` (m, 6) holds the joints at evenly spaced times where both legs are lines of the same tool: then the poses
+    are summed, otherwise the joints.
     """
 
     before: Leg
@@ -107,8 +107,11 @@ class _Corner:
         y, yd, ydd = self.taken * y, self.taken * yd, self.taken * ydd
         if self.guide is not None:
             near = interpolate(np.linspace(0.0, 1.0, len(self.guide)), self.guide, share)
-            X, twist, change = _summed_lines(self.before.way, self.after.way, (x, xd, xdd), (y, yd, ydd))  # type: ignore[arg-type]
-            return joint_rows(self.before.way.model, X, twist, change, near, lambda k: self.where())  # type: ignore[union-attr]
+            before, after = self.before.way, self.after.way
+            assert isinstance(before, Line)
+            assert isinstance(after, Line)
+            flange = flange_motion(after.X_FT, *_summed_lines(before, after, (x, xd, xdd), (y, yd, ydd)))
+            return joint_rows(after.model, *flange, near, lambda k: self.where())
         tail = self.before.way.rows(self.before.way.length - x, -xd, -xdd)
         head = self.after.way.rows(y, yd, ydd)
         rows = tail + head
@@ -207,14 +210,17 @@ def _rates(move: Move, length: float) -> tuple[float, float]:
     return v, v / (move.t * _RAMP_SHARE)
 
 
-def _zone(model: ArmModel, way: JointLine | Line, r: float, *, at_goal: bool) -> float:
-    """Path coordinate from an end of a way to where the flange is first r away from it; inf if it never is."""
+def zone(model: ArmModel, way: JointLine | Line, r: float, *, at_goal: bool, X_FT: np.ndarray | None = None) -> float:
+    """Path coordinate from an end of a way to where the tool is first r away from it; inf if it never is.
+
+    X_FT (4, 4) is the tool in the flange for a way of the joints, the flange itself by default.
+    """
     if isinstance(way, Line):
         slope = np.linalg.norm(way.slope[:3])
         return r / float(slope) if slope > 0.0 else np.inf
     x = np.linspace(0.0, way.length, _LEG_POINTS)
     along = way.length - x if at_goal else x
-    p = forward(model, way.start + np.outer(along, way.direction))[:, :3, 3]
+    p = (forward(model, way.start + np.outer(along, way.direction)) @ (np.eye(4) if X_FT is None else X_FT))[:, :3, 3]
     distance = np.linalg.norm(p - p[0], axis=1)
     if distance.max() <= r:
         return np.inf
@@ -222,10 +228,10 @@ def _zone(model: ArmModel, way: JointLine | Line, r: float, *, at_goal: bool) ->
     return float(np.interp(r, distance[k - 1 : k + 1], x[k - 1 : k + 1]))
 
 
-def _corners(model: ArmModel, legs: list[Leg], radii: list[float]) -> list[_Corner]:
+def _corners(model: ArmModel, legs: list[Leg], radii: list[float]) -> list[Corner]:
     """The blends' places and sizes."""
-    taken = [0.0] + [_zone(model, after.way, r, at_goal=False) for after, r in zip(legs[1:], radii, strict=True)]
-    left = [_zone(model, before.way, r, at_goal=True) for before, r in zip(legs[:-1], radii, strict=True)] + [0.0]
+    taken = [0.0] + [zone(model, after.way, r, at_goal=False) for after, r in zip(legs[1:], radii, strict=True)]
+    left = [zone(model, before.way, r, at_goal=True) for before, r in zip(legs[:-1], radii, strict=True)] + [0.0]
     for k, (one, head, tail) in enumerate(zip(legs, taken, left, strict=True)):
         if head + tail > _FREE * one.way.length and len(legs) > 1:
             circles = " and ".join(f"r = {r:g} m" for r in [*radii[max(k - 1, 0) : k], *radii[k : k + 1]])
@@ -236,31 +242,35 @@ def _corners(model: ArmModel, legs: list[Leg], radii: list[float]) -> list[_Corn
     corners = []
     for (before, after), r, x, y in zip(pairwise(legs), radii, left[:-1], taken[1:], strict=True):
         time = min(2.0 * x / before.v, 2.0 * y / after.v)
-        corner = _Corner(before, after, 0.5 * before.v * time, 0.5 * after.v * time)
+        corner = Corner(before, after, 0.5 * before.v * time, 0.5 * after.v * time)
         center = forward(model, before.way.goal)[:3, 3]
         while True:
-            corner = _guided(corner)
+            corner = guided(corner)
             rows = _samples(corner)
             bulge = np.linalg.norm(forward(model, rows[:, 0])[:, :3, 3] - center, axis=1).max()
             if bulge <= r * (1.0 + 1e-9):
                 break
-            corner = _Corner(before, after, _SHRINK * corner.left, _SHRINK * corner.taken)
+            corner = Corner(before, after, _SHRINK * corner.left, _SHRINK * corner.taken)
         corners.append(corner)
     return corners
 
 
-def _guided(corner: _Corner) -> _Corner:
-    """The blend with joints to follow where both legs are lines of the flange."""
+def guided(corner: Corner) -> Corner:
+    """The blend with joints to follow where both legs are lines of the same tool.
+
+    Raises:
+        TwinError: the arm cannot follow it.
+    """
     before, after = corner.before.way, corner.after.way
-    if not (isinstance(before, Line) and isinstance(after, Line)):
+    if not (isinstance(before, Line) and isinstance(after, Line) and np.array_equal(before.X_FT, after.X_FT)):
         return corner
     share = np.linspace(0.0, 1.0, _BLEND_POINTS)
     zero = np.zeros_like(share)
     x, y = corner.left * (1.0 - share) ** 2, corner.taken * share**2
     X, _, _ = _summed_lines(before, after, (x, zero, zero), (y, zero, zero))
     entry = interpolate(before.guide_x, before.guide_q, np.array([before.length - corner.left]))[0]
-    guide = track(before.model, X, entry, lambda k: corner.where())
-    return _Corner(corner.before, corner.after, corner.left, corner.taken, guide)
+    guide = track(before.model, X @ np.linalg.inv(after.X_FT), entry, lambda k: corner.where())
+    return Corner(corner.before, corner.after, corner.left, corner.taken, guide)
 
 
 def _summed_lines(
@@ -284,12 +294,12 @@ def _summed_lines(
     return spatial.pose(R, p), twist, change
 
 
-def _samples(corner: _Corner) -> np.ndarray:
+def _samples(corner: Corner) -> np.ndarray:
     """(n, 3, 6) rows of a blend at full speed."""
     return corner.rows(np.linspace(0.0, corner.full_time, _BLEND_POINTS), corner.full_time)
 
 
-def _tempos(model: ArmModel, legs: list[Leg], corners: list[_Corner]) -> np.ndarray:
+def _tempos(model: ArmModel, legs: list[Leg], corners: list[Corner]) -> np.ndarray:
     """(m + 1,) the share of the legs' full speeds with which each corner is passed; 0 at both ends.
 
     Of a blend passed at a share, speeds go with the share and accelerations with its square.
@@ -318,17 +328,17 @@ def _tempos(model: ArmModel, legs: list[Leg], corners: list[_Corner]) -> np.ndar
     return tempo
 
 
-def _free(k: int, legs: list[Leg], corners: list[_Corner]) -> float:
+def _free(k: int, legs: list[Leg], corners: list[Corner]) -> float:
     """What blends leave of a leg."""
     return legs[k].way.length - _head(k, corners) - (corners[k].left if k < len(corners) else 0.0)
 
 
-def _head(k: int, corners: list[_Corner]) -> float:
+def _head(k: int, corners: list[Corner]) -> float:
     """What the blend before a leg takes of it."""
     return corners[k - 1].taken if k > 0 else 0.0
 
 
-def _timed(model: ArmModel, legs: list[Leg], corners: list[_Corner], tempo: np.ndarray, period: float) -> Path:
+def _timed(model: ArmModel, legs: list[Leg], corners: list[Corner], tempo: np.ndarray, period: float) -> Path:
     """The rows at each tick: legs and blends in turn."""
     laws = [
         Trapezoid(_free(k, legs, corners), one.v, one.a, tempo[k] * one.v, tempo[k + 1] * one.v)
@@ -366,7 +376,7 @@ def _timed(model: ArmModel, legs: list[Leg], corners: list[_Corner], tempo: np.n
     return Path(rows, np.concatenate([[0.0], middles, [total]]))
 
 
-def _in_blend(corner: _Corner, row: int) -> str:
+def _in_blend(corner: Corner, row: int) -> str:
     return corner.where()
 
 

@@ -265,8 +265,8 @@ class VirtualController:
             self.say("error", f"{program.program.name or 'script'}: {program.error}")
 
     def _release_arm(self) -> None:
-        """A program that is over leaves no motion behind."""
-        if self.motion.move is not None:
+        """A program that is over leaves no motion behind, but for a move that is about to arrive."""
+        if self.motion.move is not None and not self.motion.arriving:
             self.motion.stop()
 
     # What it publishes

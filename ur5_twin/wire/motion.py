@@ -1,28 +1,26 @@
 """The controller's reference, tick by tick: one motion at a time, each from wherever the reference is.
 
 What ``control.program`` plans from beginning to end happens here on line. A motion is a generator of target rows
-(3, 6): q, qd, qdd; the speed slider and a pause slow down the planned ones. Blend radii do not count: each move comes
-to rest.
+(3, 6): q, qd, qdd; the speed slider and a pause slow down the planned ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import expm
 
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.blend import Leg, leg
-from ur5_twin.control.cartesian import Line, check_line
+from ur5_twin.control.blend import leg
 from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveJ, MoveL
-from ur5_twin.control.limits import check_position, check_rows
-from ur5_twin.control.profile import Trapezoid, ticks
-from ur5_twin.control.trajectory import require_positive, still
+from ur5_twin.control.limits import check_position
+from ur5_twin.control.profile import ticks
+from ur5_twin.control.trajectory import require_positive
 from ur5_twin.errors import TwinError
+from ur5_twin.wire.moves import Planned, Way
 
 #: How fast the speed slider and a pause change the speed of motion, 1/s.
 _RAMP = 2.0
@@ -34,22 +32,10 @@ _DAMPING = 0.02
 _MARGIN = 1e-3
 #: A line's joints are followed at points this far from one another or more, m.
 _GUIDE = 1e-3
-#: Rows of a move that are computed at once, and places at which it is looked at before it begins.
-_CHUNK, _PLACES = 16, 65
 #: No tool goes faster, m/s and rad/s.
 _FASTEST = 20.0
-#: A move takes no longer, s: some years.
-_LONGEST = 1e8
 
 Rows = Generator[np.ndarray, None, None]
-
-
-class Planned(Protocol):
-    """Rows (3, 6) of a motion, one a tick: an array (n, 3, 6), or what computes them as they are needed."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, k: int, /) -> np.ndarray: ...
 
 
 class Move:
@@ -57,14 +43,18 @@ class Move:
 
     Attributes:
         over: it has come to its end, or was broken off.
-        reached: a stream's speed is what was asked for; of other motions, that they are over.
+        reached: a stream's speed is what was asked for; a move is within its blend radius; of other motions, that they
+            are over.
         error: why the arm could not go on; None if it could.
+        way, at: of a move to a goal, its plan and how far it is, in ticks of the plan.
     """
 
     def __init__(self, rows: Rows) -> None:
         self.rows = rows
         self.over = False
         self.reached = False
+        self.way: Way | None = None
+        self.at = 0.0
         self.error: TwinError | None = None
 
 
@@ -89,6 +79,11 @@ class Motion:
         self.target = np.stack([q, np.zeros(6), np.zeros(6)])
         self.slider, self.scaling, self.paused = 1.0, 1.0, False
         self.move: Move | None = None
+
+    @property
+    def arriving(self) -> bool:
+        """Whether a move is within its blend radius, where it needs no program any more."""
+        return self.move is not None and self.move.way is not None and self.move.reached
 
     @property
     def moving(self) -> bool:
@@ -124,22 +119,35 @@ class Motion:
 
     def rows(self, rows: Planned) -> Move:
         """Follow planned rows, one a tick, the first where the reference rests."""
-        return self._begin(self._planned(rows))
+        move = Move(_NOTHING)
+        move.rows = self._planned(rows, move)
+        return self._begin(move)
 
     def along(self, command: MoveJ | MoveL, X_FT: np.ndarray) -> Move:
-        """A movej or movel of the tool at X_FT (4, 4) in the flange; an arm that still moves brakes first.
+        """A movej or movel of the tool at X_FT (4, 4) in the flange.
+
+        A move within its blend radius is blended with, if the arm can; it comes to rest first if it cannot. An arm that
+        moves otherwise brakes.
 
         Raises:
             TwinError: out of reach or beyond the joints' limits.
         """
-        braking = list(self._braking(BRAKING)) if self.target[1].any() else []
-        planned = self._plan(braking[-1][0] if braking else self.target[0], command, X_FT)
+        before = self.move
+        if self.arriving and before is not None and before.way is not None:
+            move, first = self._blended(before, before.way, command, X_FT)
+        else:
+            rows = list(self._braking(BRAKING)) if self.target[1].any() else []
+            move, first = Move(_NOTHING), iter(rows)
+            move.way = self._way(rows[-1][0] if rows else self.target[0], command, X_FT)
+        way = move.way
 
         def both() -> Rows:
-            yield from braking
-            yield from self._planned(planned)
+            yield from first
+            if way is not None:
+                yield from self._planned(way, move)
 
-        return self._begin(both())
+        move.rows = both()
+        return self._begin(move)
 
     def servoj(self, q: np.ndarray, lookahead_time: float, gain: float) -> Move:
         """Go after a set point by the law of ``control.servoj`` until another motion begins, from any motion."""
@@ -204,22 +212,40 @@ class Motion:
 
     # Generators of rows
 
-    def _plan(self, q: np.ndarray, command: MoveJ | MoveL, X_FT: np.ndarray) -> Planned:
+    def _way(
+        self, q: np.ndarray, command: MoveJ | MoveL, X_FT: np.ndarray, after: tuple[Way, float] | None = None
+    ) -> Way | None:
         # Only the distance of a line's guiding points depends on the period here.
-        way = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name, X_FT)
-        return still(q, 1) if way is None else _Way(self.model, way, self.period)
+        found = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name, X_FT)
+        return None if found is None else Way(self.model, found, self.period, X_FT, command.r, after)
 
-    def _planned(self, rows: Planned) -> Rows:
+    def _blended(self, before: Move, way: Way, command: MoveJ | MoveL, X_FT: np.ndarray) -> tuple[Move, Iterator]:
+        """The move that follows upon one near its goal, and rows of that one that come first, if they do not blend."""
+        goal, move = way.leg.way.goal, Move(_NOTHING)
+        try:
+            move.way = self._way(goal, command, X_FT, (way, before.at))
+        except TwinError:
+            # Out of reach, or no more than too fast for a blend.
+            move.way = self._way(goal, command, X_FT)
+        else:
+            if move.way is not None:
+                return move, iter(())
+        rest = Move(_NOTHING)
+        rest.at = before.at
+        return move, self._planned(way, rest)
+
+    def _planned(self, rows: Planned, move: Move) -> Rows:
         """Rows at the speed that slider and pause allow."""
-        at, last = 0.0, len(rows) - 1
-        while at < last:
+        last = len(rows) - 1
+        while move.at < last:
             before = self.scaling
-            at = min(at + before, last)
+            move.at = at = min(move.at + before, last)
             k = min(int(at), last - 1)
-            if before == 1.0 and at == int(at):
-                yield rows[int(at)]
-            else:
-                yield _between(rows[k], rows[k + 1], at - k, self.period, before)
+            row = rows[int(at)] if before == 1.0 and at == int(at) else None
+            if row is None:
+                row = _between(rows[k], rows[k + 1], at - k, self.period, before)
+            move.reached = move.way is not None and move.way is rows and move.way.near(at)
+            yield row
 
     def _following(self, u: np.ndarray, lookahead: float, gain: float) -> Rows:
         A = _filter(gain, lookahead, self.period)
@@ -292,44 +318,6 @@ class Motion:
 
     def _twist(self, p_FT: np.ndarray) -> np.ndarray:
         return self._jacobian(p_FT) @ self.target[1]
-
-
-class _Way:
-    """A move's rows, computed some at a time as they are needed, however long it takes.
-
-    Raises:
-        TwinError: at its beginning, or where it gets there: it passes a joint's limit or a singularity; or it takes for
-            ever.
-    """
-
-    def __init__(self, model: ArmModel, way: Leg, period: float) -> None:
-        self._model, self._leg, self._period = model, way, period
-        self._law = Trapezoid(way.way.length, way.v, way.a)
-        if self._law.duration > _LONGEST:
-            raise TwinError(f"{way.way.name} takes {self._law.duration:.3g} s; {_LONGEST:g} s at most")
-        self._last = ticks(self._law.duration, period)
-        # A move that is slowed down looks at two rows for many ticks, perhaps of two chunks.
-        self._chunks: dict[int, np.ndarray] = {}
-        x, xd, xdd = self._law.at(np.linspace(0.0, self._law.duration, _PLACES))
-        check_rows(model.limits, way.way.rows(x, xd, xdd), lambda k: way.way.where(x[k]))
-
-    def __len__(self) -> int:
-        return self._last + 1
-
-    def __getitem__(self, k: int, /) -> np.ndarray:
-        if k == self._last:
-            return still(self._leg.way.goal, 1)[0]
-        chunk, place = divmod(k, _CHUNK)
-        if chunk not in self._chunks:
-            # With the row before, for the step between.
-            first = max(chunk * _CHUNK - 1, 0)
-            x, xd, xdd = self._law.at(np.arange(first, (chunk + 1) * _CHUNK) * self._period)
-            rows = self._leg.way.rows(x, xd, xdd)
-            if isinstance(self._leg.way, Line):
-                check_line(self._model, rows, self._period, lambda j: self._leg.way.where(x[j]))
-            self._chunks = {k: old for k, old in self._chunks.items() if k == chunk - 1}
-            self._chunks[chunk] = rows[chunk * _CHUNK - first :]
-        return self._chunks[chunk][place]
 
 
 def _nothing() -> Rows:

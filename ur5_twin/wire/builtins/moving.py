@@ -25,18 +25,21 @@ class Moving:
         self._waits = 0
 
     def movej(self, q: Any, a: Any = 1.4, v: Any = 1.05, t: Any = 0, r: Any = 0) -> Waiting:
-        """Straight in joint space to six angles or a pose; comes to rest there whatever ``r`` is."""
-        command = MoveJ(_goal("movej", q), **_rates("movej", a, v, t))
+        """Straight in joint space to six angles or a pose.
+
+        With a radius ``r`` the call is over once the tool is that near, and a move that follows at once blends with it.
+        """
+        command = MoveJ(_goal("movej", q), **_rates("movej", a, v, t, r))
         yield from self._until_over(lambda: self._along(command))
 
     def movel(self, pose: Any, a: Any = 1.2, v: Any = 0.25, t: Any = 0, r: Any = 0) -> Waiting:
         """The tool straight in space, likewise."""
-        command = MoveL(_goal("movel", pose), **_rates("movel", a, v, t))
+        command = MoveL(_goal("movel", pose), **_rates("movel", a, v, t, r))
         yield from self._until_over(lambda: self._along(command))
 
     def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
-        """As movel, since each move comes to rest."""
-        yield from self.movel(pose, a, v)
+        """As movel: its speed is not kept through corners."""
+        yield from self.movel(pose, a, v, 0, r)
 
     def servoj(
         self, q: Any, a: Any = 0, v: Any = 0, t: Any = 0.002, lookahead_time: Any = 0.1, gain: Any = 300
@@ -108,13 +111,13 @@ class Moving:
         move = begin()
         self._waits += 1
         try:
-            while not move.over:
+            while not (move.over or self._motion.arriving):
                 yield
             if move.error is not None:
                 raise move.error
         finally:
             self._waits -= 1
-            if not move.over:
+            if not (move.over or self._motion.arriving):
                 self._motion.stop()
 
     def _for(self, begin: Callable[[], Move], seconds: float) -> Waiting:
@@ -135,8 +138,8 @@ class Moving:
                 self._motion.stop()
 
 
-def _rates(what: str, a: Any, v: Any, t: Any) -> dict[str, float]:
-    return {name: number(f"{what}: {name}", value) for name, value in (("a", a), ("v", v), ("t", t))}
+def _rates(what: str, a: Any, v: Any, t: Any, r: Any) -> dict[str, float]:
+    return {name: number(f"{what}: {name}", value) for name, value in (("a", a), ("v", v), ("t", t), ("r", r))}
 
 
 def _goal(what: str, value: Any) -> tuple[float, ...] | ToolPose:
