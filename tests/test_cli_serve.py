@@ -41,7 +41,8 @@ def test_a_robot_until_it_is_stopped(number: signal.Signals) -> None:
     process, ports = started("free_motion", "--version", "1.6", "--late-packages")
     try:
         # A robot of that age has no RTDE.
-        robot = ["dashboard", "primary", "realtime", "realtime_readonly", "secondary"]
+        robot = ["dashboard", "primary", "realtime", "secondary"]
+        robot += [f"{name}_readonly" for name in robot[1:]]
         # Its tool carries the force sensor.
         assert sorted(ports) == sorted([*robot, "net_ft"])
         with socket.create_connection(("127.0.0.1", ports["realtime"]), timeout=10.0) as client:

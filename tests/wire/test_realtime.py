@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
 
@@ -161,6 +162,28 @@ def test_scripts_reach_the_controller(controller, serve: Serve) -> None:
         client.sendall(b"movej([0,0,0,0,0,0])")
     eventually(lambda: len(controller.scripts) == 4)
     assert controller.scripts == ["set_digital_out(0, True)\n", "stopj(2)\n", PROGRAM, "movej([0,0,0,0,0,0])\n"]
+
+
+def test_a_script_that_is_sent_and_left_without_reading_is_not_lost(controller, serve: Serve) -> None:
+    server = serve(controller)
+    held, go_on = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        held.set()
+        go_on.wait(10.0)
+
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        read(client, controller.version.realtime_size)
+        # While the ports stand still, packages to a client pile up that resets its connection meanwhile.
+        assert server._loop is not None
+        server._loop.call_soon_threadsafe(hold)
+        assert held.wait(5.0)
+        client.sendall(b"stopj(2)\nstopl(3)")
+    before = server.statistics.ticks
+    eventually(lambda: server.statistics.ticks > before + 2)
+    go_on.set()
+    eventually(lambda: len(controller.scripts) == 2)
+    assert controller.scripts == ["stopj(2)\n", "stopl(3)\n"]
 
 
 def test_read_only_means_it(controller, serve: Serve) -> None:

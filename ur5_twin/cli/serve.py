@@ -34,6 +34,8 @@ _USES = {
     "primary": "the state at 10 Hz, what programs say; URScript",
     "secondary": "the state at 10 Hz; URScript",
     "realtime": "a packet each tick; URScript",
+    "primary_readonly": "the state at 10 Hz, what programs say",
+    "secondary_readonly": "the state at 10 Hz",
     "realtime_readonly": "a packet each tick",
     "net_ft": "the force sensor (UDP), its page at {page}: ur5-twin record --ft {host}:{port},{page}",
     "mti": "the accelerometer: ur5-twin record --imu {path}",
@@ -133,13 +135,13 @@ def _show(server: Server, title: str, bind: str) -> None:
     print(title)
     for name, address in server.addresses.items():
         if isinstance(address, str):
-            print(f"  {name:<17} {address}  {_USES[name].format(path=address)}")
+            print(f"  {name:<18} {address}  {_USES[name].format(path=address)}")
             continue
         host, number, *page = address
         use = _USES.get(name, "").format(host=host, port=number, page=page[0] if page else "")
         if name == "rtde" and number != NUMBERS["rtde"]:
             use = "whatever you choose; ur_rtde knows no port but 30004"
-        print(f"  {name:<17} {host}:{number:<5}  {use}")
+        print(f"  {name:<18} {host}:{number:<5}  {use}")
     if not _is_loopback(bind):
         print(
             f"warning: whoever reaches {bind} can run programs on this simulated robot; nothing asks for a password",

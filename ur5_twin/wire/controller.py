@@ -25,6 +25,7 @@ from ur5_twin.twin.telemetry import Telemetry
 from ur5_twin.wire import modes
 from ur5_twin.wire.builtins import robot_functions
 from ur5_twin.wire.builtins.sockets import Sockets
+from ur5_twin.wire.messages import Message
 from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
@@ -45,23 +46,6 @@ _AT_START = 1e-3
 _PRIVATE = ("truth_", "time", "safety_mode")
 #: Digital outputs: eight standard, eight configurable, two of the tool.
 _OUTPUTS = {"standard": 0, "configurable": 8, "tool": 16}
-
-
-@dataclass(frozen=True)
-class Message:
-    """Something that the controller shows.
-
-    Attributes:
-        kind: ``text``, ``popup`` or ``error``.
-        text: what.
-        timestamp: the controller's clock, s.
-        number: counts all messages.
-    """
-
-    kind: str
-    text: str
-    timestamp: float
-    number: int
 
 
 @dataclass

@@ -47,6 +47,8 @@ NUMBERS = {
     "secondary": 30002,
     "realtime": 30003,
     "rtde": 30004,
+    "primary_readonly": 30011,
+    "secondary_readonly": 30012,
     "realtime_readonly": 30013,
 }
 
@@ -324,14 +326,15 @@ def port_names(version: Version) -> list[str]:
 
 
 def _port(controller: VirtualController, name: str, bind: str, number: int, late: bool) -> Port:
-    match name:
+    kind, _, suffix = name.partition("_")
+    only = suffix == "readonly"
+    match kind:
         case "dashboard":
             return DashboardPort(controller, bind, number)
         case "primary" | "secondary":
-            return PrimaryPort(controller, bind, number, secondary=name == "secondary")
+            return PrimaryPort(controller, bind, number, secondary=kind == "secondary", read_only=only)
         case "rtde":
             return RtdePort(controller, bind, number)
-        case "realtime" | "realtime_readonly":
-            only = name == "realtime_readonly"
+        case "realtime":
             return RealtimePort(controller, bind, number, read_only=only, late_packages=late)
     raise AssertionError(name)

@@ -8,8 +8,10 @@ what a client costs is bounded, and nobody waits for it.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
+import os
 import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -111,6 +113,11 @@ class Client(asyncio.Protocol):
     def connected(self) -> bool:
         return self._transport is not None and not self._transport.is_closing()
 
+    @property
+    def unsent(self) -> int:
+        """Bytes that wait for the client in this process; those that the kernel keeps for it do not count."""
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
+
     def send_package(self, package: bytes) -> bool:
         """Send one of a stream of packages, or drop it if the client is behind.
 
@@ -193,10 +200,27 @@ class Client(asyncio.Protocol):
             self._stuck = None
         if self._transport is None:
             return
+        if not self._dropped_by_us and isinstance(exc, ConnectionError):
+            self._take_the_rest()
         self._transport = None
         self.port.forget(self)
         # Who closes without having read all resets the connection; that is no less an end.
         self.ended(by_client=not self._dropped_by_us)
+
+    def _take_the_rest(self) -> None:
+        """Read what came in before the client reset the connection: a package that was sent to it in between fails
+        first, and the loop then reads no more. Who sends a program and closes at once would lose it."""
+        assert self._transport is not None
+        made = self._transport.get_extra_info("socket")
+        rest = bytearray()
+        # The loop's own handle of a socket cannot be read from; it still is open here.
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(made.fileno())) as same:
+            same.setblocking(False)
+            while data := same.recv(_KERNEL_BUFFER):
+                rest += data
+        # Nobody is left to be cut off.
+        with contextlib.suppress(CutOff):
+            self.received(bytes(rest))
 
     def pause_writing(self) -> None:
         self._full = True
@@ -215,7 +239,7 @@ class Client(asyncio.Protocol):
         """Look again in a while whether the client has taken anything."""
         if not self.cut_when_stuck or self._transport is None:
             return
-        left = self._transport.get_write_buffer_size()
+        left = self.unsent
         if self._stuck is not None and left >= self._unsent:
             self._stuck = None
             self.cut(f"it read nothing for {_PATIENCE:g} s")
