@@ -56,6 +56,7 @@ class Kept:
 
     name = "kept"
     address = None
+    connected = None
 
     def __init__(self) -> None:
         self.states: dict[float, State] = {}

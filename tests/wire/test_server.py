@@ -24,7 +24,7 @@ def test_a_port_in_use_is_named_and_nothing_is_left_open(controller, serve: Serv
     server = serve(controller)
     taken = server.addresses["rtde"][1]
     threads = threading.active_count()
-    with pytest.raises(WireError, match=rf"127\.0\.0\.1:{taken} \(rtde\) is in use.*--ports rtde="):
+    with pytest.raises(WireError, match=rf"127\.0\.0\.1:{taken} \(rtde\) is in use.*--ports rtde=0$"):
         serve(controller, ports=dict.fromkeys(server.addresses, 0) | {"rtde": taken})
     assert threading.active_count() == threads
 
@@ -84,7 +84,7 @@ def test_a_simulation_that_fails_leaves_the_ports_open(controller, serve: Serve,
 @pytest.mark.parametrize("realtime", [True, False])
 def test_a_port_that_fails_does_not_silence_the_others(controller, serve: Serve, realtime: bool) -> None:
     class Faulty:
-        name, address = "faulty", None
+        name, address, connected = "faulty", None, None
 
         async def start(self) -> None: ...
 
@@ -112,6 +112,20 @@ def test_it_can_start_again(controller, serve: Serve) -> None:
     while server.statistics.ticks == before:
         time.sleep(0.002)
     server.stop()
+
+
+def test_statistics_count_the_clients(controller, serve: Serve) -> None:
+    server = serve(controller)
+    assert set(server.statistics.clients) == set(server.addresses)
+    with (
+        socket.create_connection(server.addresses["rtde"], timeout=5.0) as client,
+        socket.create_connection(server.addresses["dashboard"], timeout=5.0) as other,
+    ):
+        client.sendall(b"\x00\x05V\x00\x02")
+        assert client.recv(100)
+        assert other.recv(100)
+        found = {name: count for name, count in server.statistics.clients.items() if count}
+        assert found == {"dashboard": 1, "rtde": 1}
 
 
 def test_statistics_count_the_ticks(controller, serve: Serve) -> None:

@@ -65,6 +65,7 @@ class Statistics:
         busy: share of a period that a tick takes.
         packages_dropped: packages that slow readers missed.
         clients_cut: clients that were disconnected.
+        clients: port's name -> how many clients it has now; ports that cannot know are left out.
     """
 
     ticks: int
@@ -74,6 +75,7 @@ class Statistics:
     busy: float
     packages_dropped: int
     clients_cut: int
+    clients: dict[str, int]
 
 
 class Server:
@@ -141,6 +143,7 @@ class Server:
             busy=self._busy / max(self._ticks, 1) / self.controller.version.period,
             packages_dropped=sum(port.packages_dropped for port in tcp),
             clients_cut=sum(port.clients_cut for port in tcp),
+            clients={port.name: found for port in self._ports if (found := port.connected) is not None},
         )
 
     def start(self) -> None:

@@ -56,6 +56,11 @@ class Port(Protocol):
         """Where it listens, once started."""
         ...
 
+    @property
+    def connected(self) -> int | None:
+        """How many clients it has; None if it cannot know."""
+        ...
+
     async def start(self) -> None:
         """Begin to listen.
 
@@ -279,6 +284,11 @@ class TcpPort(Generic[C]):
         """(host, port) that it listens at."""
         return self._bind, self._number
 
+    @property
+    def connected(self) -> int:
+        """How many clients there are."""
+        return len(self.clients)
+
     def new_client(self) -> C:
         """A client that is about to connect."""
         raise NotImplementedError
@@ -293,22 +303,8 @@ class TcpPort(Generic[C]):
         try:
             self._server = await loop.create_server(self.new_client, self._bind, self._number)
         except (OSError, OverflowError) as error:
-            raise WireError(self._refusal(error)) from error
+            raise WireError(refusal(self.name, self._bind, self._number, error)) from error
         self._number = self._server.sockets[0].getsockname()[1]
-
-    def _refusal(self, error: Exception) -> str:
-        where = f"{self._bind}:{self._number}"
-        number = error.errno if isinstance(error, OSError) else None
-        if number == errno.EADDRINUSE:
-            return (
-                f"{where} ({self.name}) is in use: another controller, or a program that holds it; stop it, or choose "
-                f"another with --ports {self.name}=NUMBER (0 takes a free one)"
-            )
-        if number == errno.EACCES:
-            return f"{where} ({self.name}) needs privileges: choose another with --ports {self.name}=NUMBER above 1023"
-        if number == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
-            return f"'{self._bind}' is no address of this machine: bind to 127.0.0.1, 0.0.0.0 or one that it has"
-        return f"cannot listen at {where} ({self.name}): {error}"
 
     def publish(self, state: State) -> None:
         """Send what is due at a tick."""
@@ -353,6 +349,30 @@ class TcpPort(Generic[C]):
         if not asked.done():
             raise WireError(f"the controller has not ticked for {_ANSWER:g} s")
         return asked.result()
+
+
+def refusal(name: str, bind: str, number: int, error: Exception, *, more: str = "") -> str:
+    """Why a port cannot be had, and what to do.
+
+    Args:
+        name: the port's, as ``--ports`` has it.
+        bind: address.
+        number: port.
+        error: what the system says.
+        more: further ports that another controller then holds too, as ``--ports`` would have them.
+    """
+    where = f"{bind}:{number}"
+    code = error.errno if isinstance(error, OSError) else None
+    if code == errno.EADDRINUSE:
+        return (
+            f"{where} ({name}) is in use: another controller, or a program that holds it; stop it, or take a free one "
+            f"with --ports {name}=0{more}"
+        )
+    if code == errno.EACCES:
+        return f"{where} ({name}) needs privileges: choose another with --ports {name}=NUMBER above 1023"
+    if code == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return f"'{bind}' is no address of this machine: bind to 127.0.0.1, 0.0.0.0 or one that it has"
+    return f"cannot listen at {where} ({name}): {error}"
 
 
 class Lines:
