@@ -31,8 +31,8 @@ from ur5_twin.wire.state import State
 
 Serve = Callable[..., Server]
 
-#: What may be left of a thousand conversations, bytes: a kilobyte of each would be far more.
-_LEFT = 250_000
+#: What may be left of hundreds of conversations, bytes, beside the length of each tick that the server keeps.
+_LEFT, _TICK = 80_000, 40
 _COMMANDS = ["power on", "power off", "play", "stop", "popup", "load", "programState", "quit", "shutdown", "addToLog"]
 _LINES = ["def f():", "end", "movej([0,0,0,0,0,0])", "while True:", 'x = "def', "# end", "sec s():", "f(", "\x00\xff"]
 _REQUESTS = ["GET /netftapi2.xml HTTP/1.1", "HEAD / HTTP/1.0", "POST /netftapi2.xml HTTP/1.1", "Host: x", "", "GET"]
@@ -138,6 +138,19 @@ class Talker:
             raise AssertionError("the MTi is silent")
         self._write(xbus.pack(xbus.Message.GO_TO_MEASUREMENT))
 
+    def left_of(self, talk: Callable[[], None], times: int) -> int:
+        """Bytes that are left of talk after the first time."""
+        tracemalloc.start()
+        try:
+            talk()
+            before, ticks = tracemalloc.get_traced_memory()[0], self.server.statistics.ticks
+            for _ in range(times):
+                talk()
+            found = tracemalloc.get_traced_memory()[0] - before
+        finally:
+            tracemalloc.stop()
+        return found - _TICK * (self.server.statistics.ticks - ticks)
+
     def assert_all_gone(self) -> None:
         for _ in range(6000):
             counts = self.server.statistics.clients
@@ -192,16 +205,7 @@ def test_what_was_said_is_not_kept(talker: Talker) -> None:
         gc.collect()
 
     talk()
-    tracemalloc.start()
-    try:
-        talk()
-        before, _ = tracemalloc.get_traced_memory()
-        for _ in range(4):
-            talk()
-        after, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert after - before < _LEFT
+    assert talker.left_of(talk, 4) < _LEFT
     talker.assert_alive()
 
 
@@ -216,15 +220,7 @@ def test_fifty_clients_come_and_go(talker: Talker) -> None:
 
     fifty()
     threads, files = threading.active_count(), process.num_fds()
-    tracemalloc.start()
-    try:
-        fifty()
-        before, _ = tracemalloc.get_traced_memory()
-        fifty()
-        after, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert after - before < _LEFT
+    assert talker.left_of(fifty, 3) < _LEFT
     assert threading.active_count() == threads
     assert process.num_fds() == files
     talker.server.stop()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ur5_twin.errors import WireError
@@ -369,21 +369,3 @@ def test_values_that_a_type_cannot_hold_become_the_nearest() -> None:
 def test_any_bytes_are_read_as_input(names: list[str], data: bytes) -> None:
     found = InputRecipe([(name, INPUTS[name]) for name in names]).values(data)
     assert {name for name, _ in found} <= set(names)
-
-
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.binary(max_size=200), max_size=5))
-def test_no_bytes_stop_it(fuzzed: Server, pieces: list[bytes]) -> None:
-    try:
-        with socket.create_connection(fuzzed.addresses["rtde"], timeout=5.0) as client:
-            for piece in pieces:
-                client.sendall(piece)
-    except ConnectionError:
-        pass
-    with Rtde(fuzzed) as client:
-        assert client.ask("v")
-
-
-@pytest.fixture
-def fuzzed(controller, serve: Serve) -> Server:
-    return serve(controller)
