@@ -53,6 +53,17 @@ def test_signals_are_those_of_rtde(controller: VirtualController) -> None:
     assert not [name for name in state.signals if name.startswith("truth")]
 
 
+@pytest.mark.parametrize(("written", "slider"), [(0.25, 0.25), (7.0, 1.0), (-np.inf, 0.0), (np.nan, 0.5)])
+def test_any_number_may_be_written_to_the_speed_slider(
+    controller: VirtualController, written: float, slider: float
+) -> None:
+    for fraction in (0.5, written):
+        controller.write_input("speed_slider_mask", 1)
+        controller.write_input("speed_slider_fraction", fraction)
+        state = controller.tick()
+    assert state.signals["target_speed_fraction"] == slider
+
+
 @pytest.mark.parametrize("name", ["3.x", "5.x"])
 def test_movej_reaches_its_goal_at_either_rate(name: str) -> None:
     controller = VirtualController(load_scenario("free_motion"), version(name), run=False)

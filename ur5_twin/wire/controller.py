@@ -421,8 +421,10 @@ class VirtualController:
             self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.ticks))
 
     def _heed_inputs(self) -> None:
-        if self._inputs.pop("speed_slider_mask", 0) and "speed_slider_fraction" in self._inputs:
-            self.motion.slider = float(np.clip(self._inputs["speed_slider_fraction"], 0.0, 1.0))
+        fraction = self._inputs.get("speed_slider_fraction", np.nan)
+        # What is no number leaves the slider where it is: no motion could go on with it.
+        if self._inputs.pop("speed_slider_mask", 0) and not np.isnan(fraction):
+            self.motion.slider = float(np.clip(fraction, 0.0, 1.0))
         for which, first in _OUTPUTS.items():
             mask = int(self._inputs.pop(f"{which}_digital_output_mask", 0))  # type: ignore[arg-type]
             bits = int(self._inputs.get(f"{which}_digital_output", 0))  # type: ignore[arg-type]
