@@ -186,6 +186,18 @@ def test_getters_agree(controller: VirtualController) -> None:
     assert go(controller, script) == ["True", "True", "FalseTrue", "0", "0.008", "True[6, 6]", "True"]
 
 
+def test_outputs_by_the_names_of_the_first_series(controller: VirtualController) -> None:
+    said = go(
+        controller,
+        "set_digital_out(1, True)\nset_digital_out(9, True)\nset_analog_out(0, 0.5)\n"
+        "textmsg(get_digital_out(1), get_standard_digital_out(1))\n"
+        "textmsg(get_digital_out(8), get_tool_digital_out(1))\ntextmsg(get_digital_in(3))\nset_digital_out(10, True)",
+    )
+    assert said[:3] == ["TrueTrue", "FalseTrue", "False"]
+    assert "no tool output 2" in said[3]
+    assert controller.outputs == 2 + (1 << 17)
+
+
 def test_registers_both_ways(controller: VirtualController) -> None:
     controller.write_input("input_int_register_24", 7)
     controller.write_input("input_double_register_3", 1.5)
