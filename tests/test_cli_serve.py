@@ -155,7 +155,7 @@ def test_a_terminal_is_told_how_it_goes() -> None:
         finally:
             process.kill()
             os.close(master)
-    assert re.search(rb"stopped, \d+ ticks/s, behind \d+, clients: none", shown)
+    assert re.search(rb"program stopped, \d+ ticks/s, behind \d+, clients: none", shown)
     assert b"ticks/s" not in out
 
 

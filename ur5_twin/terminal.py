@@ -147,7 +147,7 @@ def serve_line() -> Iterator[Callable[[Statistics, float, str], None]]:
 
     Gives a function to call with the server's statistics, ticks a second, and what the controller does.
     """
-    with _line("no client yet", []) as tell:
+    with _line("the controller ticks", []) as tell:
         yield lambda statistics, rate, doing: tell(serve_words(statistics, rate, doing), [])
 
 

@@ -218,6 +218,24 @@ def test_a_line_without_an_end_is_cut_off(controller, serve: Serve) -> None:
     assert not controller.scripts
 
 
+def test_who_sends_more_scripts_than_can_be_taken_is_cut_off(controller, serve: Serve, monkeypatch) -> None:
+    server = serve(controller)
+
+    def busy(action: Callable[[], object]) -> object:
+        raise WireError("1000 requests wait already")
+
+    monkeypatch.setattr(controller, "post", busy)
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        client.sendall(b"stopj(2)\n" * 100)
+        eventually(lambda: server.statistics.clients_cut == 1)
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        client.sendall(b"stopj(2)")
+    eventually(lambda: not any(server.statistics.clients.values()))
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        assert read(client, controller.version.realtime_size)
+    assert server.statistics.clients_cut == 1
+
+
 def test_a_program_without_an_end_is_cut_off() -> None:
     reader = ScriptReader()
     half = b"def f():\n" + b"  x = 1\n" * 100_000

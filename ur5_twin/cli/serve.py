@@ -142,7 +142,7 @@ def _doing(state: State) -> str:
 
     runtime = RuntimeState(int(state.signals["runtime_state"])).name.lower()  # type: ignore[arg-type]
     safety = int(state.signals["safety_mode"])  # type: ignore[arg-type]
-    return runtime if safety == SafetyMode.NORMAL else f"{runtime}, {SAFETY[safety]}"
+    return f"program {runtime}" if safety == SafetyMode.NORMAL else f"program {runtime}, {SAFETY[safety]}"
 
 
 def _numbers(text: str | None) -> dict[str, int]:
