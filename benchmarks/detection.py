@@ -101,7 +101,10 @@ def counted(time: np.ndarray, level: np.ndarray, touched: np.ndarray, thresholds
     would else tell all of them.
     """
     detector = ContactDetector(thresholds)
-    alarm = np.array([detector.update(t, x) for t, x in zip(time.tolist(), level.tolist(), strict=True)])
+    alarm = np.zeros(len(level), dtype=bool)
+    # What never gets there needs no detector: most thresholds of most hours.
+    if (level >= thresholds.on).any():
+        alarm[:] = [detector.update(t, x) for t, x in zip(time.tolist(), level.tolist(), strict=True)]
     begins = rises(alarm)
     starts, ends = rises(touched), rises(~touched)
     delays = []

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ur5_twin import spatial
 from ur5_twin.arm.kinematics import acceleration, forward, twist
 from ur5_twin.arm.parameters import load_model
-from ur5_twin.control.cartesian import movel
+from ur5_twin.control.cartesian import line, movel
 from ur5_twin.errors import TwinError
 
 MODEL = load_model("controller")
@@ -72,6 +72,31 @@ def test_joint_rows_are_one_function_of_time() -> None:
     assert smooth.mean() > 0.99
     assert np.abs((q[2:] - q[:-2]) / (2 * dt) - qd[1:-1])[smooth].max() < 1e-6
     assert np.abs((qd[2:] - qd[:-2]) / (2 * dt) - qdd[1:-1])[smooth].max() < 1e-5
+
+
+def test_a_tool_goes_straight_while_its_flange_swings() -> None:
+    X_FT = spatial.pose(spatial.rotation_from_vector([0.3, -0.2, 0.4]), [0.05, -0.02, 0.18])
+    X_start = forward(MODEL, Q) @ X_FT
+    shift, turn = np.array([0.04, 0.05, -0.06]), np.array([0.2, -0.3, 0.25])
+    X_goal = spatial.pose(spatial.rotation_from_vector(turn) @ X_start[:3, :3], X_start[:3, 3] + shift)
+    way = line(MODEL, Q, X_goal, 0.002, "movel", X_FT)
+    assert way is not None
+    # Time runs as the way does, with an acceleration: x = 0.1 t + 0.05 t^2.
+    dt = 1e-4
+    t = np.arange(0.0, 1.2, dt)
+    x, rate = 0.1 * t + 0.05 * t**2, 0.1 + 0.1 * t
+    q, qd, qdd = way.rows(x, rate, np.full_like(t, 0.1)).swapaxes(0, 1)
+    X = forward(MODEL, q) @ X_FT
+    assert np.abs(X[:, :3, 3] - X_start[:3, 3] - np.outer(x / way.length, shift)).max() < 1e-9
+    angle = spatial.vector_from_rotation(X[:, :3, :3] @ X_start[:3, :3].T)
+    assert np.abs(angle - np.outer(x / way.length, turn)).max() < 1e-9
+    # The flange does not go straight, and rates are those of the positions: central differences, as below.
+    flange = forward(MODEL, q)[:, :3, 3]
+    along = (flange[-1] - flange[0]) / np.linalg.norm(flange[-1] - flange[0])
+    assert np.linalg.norm(np.cross(flange - flange[0], along), axis=1).max() > 3e-4
+    assert np.abs((q[2:] - q[:-2]) / (2 * dt) - qd[1:-1]).max() < 1e-6
+    assert np.abs((qd[2:] - qd[:-2]) / (2 * dt) - qdd[1:-1]).max() < 1e-5
+    np.testing.assert_allclose(forward(MODEL, way.goal) @ X_FT, X_goal, atol=1e-9)
 
 
 def test_a_pure_rotation_takes_the_speed_in_rad() -> None:

@@ -108,6 +108,22 @@ def test_what_passes_and_what_is_kept_add_up() -> None:
     assert np.allclose(terms.kept(x, a) + terms.passed(x, a), x, atol=1e-12)
 
 
+def test_friction_of_a_joint_at_rest_turns_where_it_is_moved() -> None:
+    of = first(made(), 60)
+    still = np.zeros_like(of.qd)
+    angle = np.zeros_like(of.angle)
+    # A way of some STICKING_WAY forth, then back.
+    angle[10:30, 1], angle[30:, 1] = 10.0 * terms.STICKING_WAY, 7.0 * terms.STICKING_WAY
+    z = terms.sticking_column(replace(of, angle=angle, qd=still), 1)[:, 0]
+    np.testing.assert_allclose(z[[9, 10, 29]], [0.0, 1.0 - np.exp(-10.0), 1.0 - np.exp(-10.0)], rtol=1e-12)
+    np.testing.assert_allclose(z[30:], np.exp(-3.0) * z[29] - (1.0 - np.exp(-3.0)), rtol=1e-12)
+    # None while the target moves, and none is left from before.
+    moves = still.copy()
+    moves[20:40, 1] = 0.5
+    z = terms.sticking_column(replace(of, angle=angle, qd=moves), 1)[:, 0]
+    assert not z[20:].any()
+
+
 def test_the_servo_holds_where_the_move_ends() -> None:
     """The last row of a braking joint tells its end, and at rest the published target does not count."""
     q = np.zeros((4, 6))
@@ -152,16 +168,17 @@ def test_real_logs_left_out(lab_logs: Path) -> None:
     rides = [terms.ride(recording, load_model("plant", "xsens_mti")) for recording in recordings]
     study = drive.study(recordings, rides, load_model("c", "xsens_mti"), load_drive("thesis"))
     small = [0, 3, 4, 5]
-    for free, following, two_step, printed in zip(
-        study.free, study.following, study.two_step, study.printed, strict=True
+    for free, following, tared, two_step, printed in zip(
+        study.free, study.following, study.tared, study.two_step, study.printed, strict=True
     ):
-        # The aim: 0.6 of the controller's own error over the whole log, for each joint and each log left out.
+        # The aim: 0.6 of the controller's own error over the whole log, for each joint and each log left out. All reach
+        # it in the chosen form once the current of the first 80 ms tells what the joints remember.
+        assert (tared.ratio <= 0.6).all(), tared.source
         assert (free.ratio[small] <= 0.6).all(), free.source
         # Joint 1's and the small joints' friction is known to less than two thirds of the controller's error in motion.
         assert (free.moving[small] < 0.66 * free.own_moving[small]).all(), free.source
-        # Joints 2 and 3 reach it with the servo; before No3's first move nothing tells what joint 2's servo holds.
-        assert (following.ratio[[1, 2]] <= 0.6).all() or following.source.endswith("No3_Acc"), following.source
-        assert following.ratio[2] <= 0.6
+        # Before No3's first move nothing else tells what joint 2's servo holds.
+        assert (following.ratio <= 0.6).all() or following.source.endswith("No3_Acc"), following.source
         # Both are below the thesis' map, as printed and by its method on the same logs, on every joint.
         for other in (two_step, printed):
             assert (free.ratio < other.ratio).all(), free.source

@@ -84,7 +84,7 @@ def test_what_the_log_does_not_tell_is_null(log: Recording, tmp_path: Path) -> N
     ride = terms.ride(log, load_model("plant"))
     free, one, none = tried(drive.fit_drive([ride])), np.ones(6), np.full(6, np.nan)
     item = [HeldOut("run", one, none, one, 2 * one, none, 2 * one)]
-    study = Study(item, item, item, item, item, drive.FREE)
+    study = Study(item, item, item, item, item, item, drive.FREE)
     result = drive_result.drive_result(drive_plant.fit_plant([ride]), free, free, study, [log], "x")
     text = results.write(result, tmp_path)
     tables = {table["title"]: table for table in json.loads((tmp_path / "report.json").read_text())["tables"]}

@@ -81,7 +81,8 @@ def test_movel_is_straight(controller: VirtualController) -> None:
     places: list[np.ndarray] = []
     go(
         controller,
-        "set_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel(pose_add(get_target_tcp_pose(), p[0.05, 0.1, -0.05, 0, 0, 0]))",
+        # The tool turns on its way, so that the flange goes a bent one.
+        "set_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel(pose_add(get_target_tcp_pose(), p[0.05, 0.1, -0.05, 0.5, 0, 0]))",
         watch=lambda s: places.append(np.asarray(s.signals["target_TCP_pose"])[:3]),
     )
     moved = [place for place in places if np.linalg.norm(place - places[0]) > 1e-3]
@@ -334,6 +335,23 @@ def test_a_watchdog_stops_a_program_whose_client_is_gone(controller: VirtualCont
     assert "input_int_register_0" in controller.messages[-1].text
 
 
+def test_each_of_several_programs_has_a_tick(controller: VirtualController) -> None:
+    """Those of one burst do not replace one another before they began."""
+    for k in range(3):
+        controller.post(lambda k=k: controller.run_script(f"write_output_integer_register({k}, {k + 5})"))
+    seen = []
+    for _ in range(3):
+        controller.tick()
+        seen.append([controller.registers.read("output", "int", k) for k in range(3)])
+    assert seen == [[5, 0, 0], [5, 6, 0], [5, 6, 7]]
+
+
+def test_as_many_inputs_are_watched_as_make_sense(controller: VirtualController) -> None:
+    controller.run_script('i = 0\nwhile True:\n i = i + 1\n rtde_set_watchdog(to_str(i), 1, "ignore")\nend')
+    controller.tick()
+    assert "more than 50 inputs are watched" in controller.messages[-1].text
+
+
 def test_posted_actions_are_done_in_order_and_bounded(controller: VirtualController) -> None:
     done: list[int] = []
     futures = [controller.post(lambda k=k: done.append(k)) for k in range(10)]
@@ -485,7 +503,7 @@ def test_the_reference_keeps_within_the_joints_limits(steps: list) -> None:
         motion.slider = slider
         try:
             if kind == "movej":
-                motion.along(MoveJ(tuple(scenario.q_start + numbers), a=rate, v=0.5))
+                motion.along(MoveJ(tuple(scenario.q_start + numbers), a=rate, v=0.5), np.eye(4))
             elif kind == "servoj":
                 motion.servoj(scenario.q_start + numbers, 0.1, rate)
             elif kind == "stopj":

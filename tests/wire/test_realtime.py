@@ -236,6 +236,20 @@ def test_who_sends_more_scripts_than_can_be_taken_is_cut_off(controller, serve: 
     assert server.statistics.clients_cut == 1
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        " switch x:\n  case 1:\n   x = 2\n  end\n  default:\n   x = 3\n  end\n end\n",
+        " textmsg('the end')\n",
+        " textmsg('if')\n if x == 1: x = 2 end # if\n",
+        " for = 3\n",
+    ],
+)
+def test_a_program_ends_where_its_blocks_do(body: str) -> None:
+    program = f"def f():\n x = 1\n{body} x = 4\nend\n"
+    assert ScriptReader().feed(f"{program}x = 5\n".encode()) == [program, "x = 5\n"]
+
+
 def test_a_program_without_an_end_is_cut_off() -> None:
     reader = ScriptReader()
     half = b"def f():\n" + b"  x = 1\n" * 100_000

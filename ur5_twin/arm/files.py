@@ -188,6 +188,7 @@ class JointCurrentSpec(Strict, frozen=True):
     delay_s: NonNegative
     lag_s: NonNegative
     directed: bool
+    sticking: bool
     terms: tuple[str, ...]
     coefficients: tuple[float, ...]
     standard_errors: tuple[NonNegative, ...]

@@ -119,16 +119,25 @@ class _Corner:
         return f"the blend from {self.before.way.name} to {self.after.way.name}"
 
 
-def leg(model: ArmModel, q_start: np.ndarray, move: Move, period: float, name: str) -> Leg | None:
+def leg(
+    model: ArmModel,
+    q_start: np.ndarray,
+    move: Move,
+    period: float,
+    name: str,
+    X_FT: np.ndarray | None = None,
+) -> Leg | None:
     """The way of a move from a joint position (6,), and its rates; None if the arm is there already.
 
-    ``name`` stands for the move in messages.
+    ``name`` stands for the move in messages. With a tool at X_FT (4, 4) in the flange it is the tool that a movel takes
+    straight, and poses are the tool's.
 
     Raises:
         TwinError: the goal is out of reach, or the way, the speed or the acceleration is beyond the joints' limits.
     """
+    X_FT = np.eye(4) if X_FT is None else X_FT
     if isinstance(move, MoveJ):
-        goal = _joint_goal(model, q_start, move, name)
+        goal = _joint_goal(model, q_start, move, name, X_FT)
         check_position(model.limits, goal, f"{name}: goal")
         length = float(np.abs(goal - q_start).max())
         if length == 0.0:
@@ -137,8 +146,8 @@ def leg(model: ArmModel, q_start: np.ndarray, move: Move, period: float, name: s
         v, a = _rates(move, length)
         check_rates(model.limits, way.direction, v, a, name)
         return Leg(way, v, a)
-    X_goal = move.goal.matrix() if isinstance(move.goal, Pose) else forward(model, np.array(move.goal))
-    way = line(model, q_start, X_goal, move.v * period, name)
+    X_goal = move.goal.matrix() if isinstance(move.goal, Pose) else forward(model, np.array(move.goal)) @ X_FT
+    way = line(model, q_start, X_goal, move.v * period, name, X_FT)
     return None if way is None else Leg(way, *_rates(move, way.length))
 
 
@@ -181,10 +190,10 @@ def blended(
     return _timed(model, legs, corners, tempo, period)
 
 
-def _joint_goal(model: ArmModel, q_start: np.ndarray, move: MoveJ, name: str) -> np.ndarray:
+def _joint_goal(model: ArmModel, q_start: np.ndarray, move: MoveJ, name: str, X_FT: np.ndarray) -> np.ndarray:
     if not isinstance(move.goal, Pose):
         return np.array(move.goal)
-    q = nearest(model, move.goal.matrix(), q_start)
+    q = nearest(model, move.goal.matrix() @ np.linalg.inv(X_FT), q_start)
     if np.isnan(q).any():
         raise TwinError(f"{name}: pose {list(move.goal.vector)} is out of the arm's reach")
     return q

@@ -1,9 +1,9 @@
-"""Straight lines of the flange: movel, and joint motions from motions of the flange."""
+"""Straight lines of the flange or of a tool on it: movel, and joint motions from motions of the flange."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,18 +30,19 @@ Where = Callable[[int], str]
 
 @dataclass(frozen=True)
 class Line:
-    """A straight way of the flange with its orientation along the geodesic, by path coordinate x.
+    """A straight way of a tool with its orientation along the geodesic, by path coordinate x.
 
     p = p_0 + d x / L and R = exp(S(n x / L)) R_0 with d the displacement, n the rotation vector from R_0 to R_1 in base
     axes, and L = max(|d|, |n| 1 m/rad): 1 rad counts as 1 m, and the longer of the two rules the time.
 
     Attributes:
         model: the arm.
-        X_start: (4, 4) pose of the flange at x = 0.
+        X_start: (4, 4) pose of the tool at x = 0.
         slope: (6,) [d; n] / L.
         length: L, m.
         guide_x, guide_q: (m,), (m, 6) the joints at some points of the line, continuous from its start.
         name: of the command, for messages.
+        X_FT: (4, 4) pose of the tool in the flange; the flange itself by default.
     """
 
     model: ArmModel
@@ -51,6 +52,7 @@ class Line:
     guide_x: np.ndarray
     guide_q: np.ndarray
     name: str
+    X_FT: np.ndarray = field(default_factory=lambda: np.eye(4))
 
     @property
     def goal(self) -> np.ndarray:
@@ -58,7 +60,7 @@ class Line:
         return self.guide_q[-1]
 
     def poses(self, x: np.ndarray) -> np.ndarray:
-        """X_BF (n, 4, 4) at path coordinates x (n,)."""
+        """X_BT (n, 4, 4) at path coordinates x (n,)."""
         return _along(self.X_start, self.slope, x)
 
     def rows(self, x: np.ndarray, xd: np.ndarray, xdd: np.ndarray) -> np.ndarray:
@@ -69,30 +71,40 @@ class Line:
         """
         twist, acceleration = np.outer(xd, self.slope), np.outer(xdd, self.slope)
         near = interpolate(self.guide_x, self.guide_q, x)
-        return joint_rows(self.model, self.poses(x), twist, acceleration, near, lambda k: self.where(x[k]))
+        flange = flange_motion(self.X_FT, self.poses(x), twist, acceleration)
+        return joint_rows(self.model, *flange, near, lambda k: self.where(x[k]))
 
     def where(self, x: float) -> str:
         """Words for a place on the line."""
         return f"{self.name} at s = {x / self.length:.3f} of the line"
 
 
-def line(model: ArmModel, q_start: np.ndarray, X_goal: np.ndarray, step: float, name: str = "movel") -> Line | None:
+def line(
+    model: ArmModel,
+    q_start: np.ndarray,
+    X_goal: np.ndarray,
+    step: float,
+    name: str = "movel",
+    X_FT: np.ndarray | None = None,
+) -> Line | None:
     """The line from a joint position to a pose.
 
     Args:
         model: the arm.
         q_start: (6,), rad.
-        X_goal: (4, 4) pose of the flange in the base.
+        X_goal: (4, 4) pose of the tool in the base.
         step: m (or rad), about the distance of the points at which the joints are followed.
         name: of the command, for messages.
+        X_FT: (4, 4) the tool in the flange, by default the flange itself.
 
     Returns:
-        The line, None if the flange is there already (within 1e-12 m and rad).
+        The line, None if the tool is there already (within 1e-12 m and rad).
 
     Raises:
         TwinError: the line leaves the arm's reach, passes a singularity or a joint's limit.
     """
-    X_start = forward(model, q_start)
+    X_FT = np.eye(4) if X_FT is None else X_FT
+    X_start = forward(model, q_start) @ X_FT
     displacement = X_goal[:3, 3] - X_start[:3, 3]
     turn = spatial.vector_from_rotation(X_goal[:3, :3] @ X_start[:3, :3].T)
     length = float(max(np.linalg.norm(displacement), np.linalg.norm(turn)))
@@ -104,8 +116,8 @@ def line(model: ArmModel, q_start: np.ndarray, X_goal: np.ndarray, step: float, 
     def where(k: int) -> str:
         return f"{name} at s = {x[k] / length:.3f} of the line"
 
-    guide = track(model, _along(X_start, slope, x), q_start, where)
-    return Line(model, X_start, slope, length, x, guide, name)
+    guide = track(model, _along(X_start, slope, x) @ np.linalg.inv(X_FT), q_start, where)
+    return Line(model, X_start, slope, length, x, guide, name, X_FT)
 
 
 def movel(
@@ -187,6 +199,31 @@ def track(model: ArmModel, X_BF: np.ndarray, q_start: np.ndarray, where: Where) 
         check_position(model.limits, q[k], where(k))
         near = q[k]
     return q
+
+
+def flange_motion(
+    X_FT: np.ndarray, X_BT: np.ndarray, twist: np.ndarray, acceleration: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pose, twist and its derivative of the flange when a tool on it moves; with r from the tool to the flange
+
+        v_F = v_T + omega x r,    a_F = a_T + alpha x r + omega x (omega x r).
+
+    Args:
+        X_FT: (4, 4) pose of the tool in the flange.
+        X_BT: (n, 4, 4) poses of the tool in the base.
+        twist: (n, 6) [v_T; omega], m/s and rad/s, base axes.
+        acceleration: (n, 6) [a_T; alpha], m/s^2 and rad/s^2.
+
+    Returns:
+        X_BF (n, 4, 4), twist (n, 6), acceleration (n, 6).
+    """
+    X_BF = X_BT @ np.linalg.inv(X_FT)
+    r = X_BF[:, :3, 3] - X_BT[:, :3, 3]
+    omega, alpha = twist[:, 3:], acceleration[:, 3:]
+    carried = spatial.cross(omega, r)
+    v = twist[:, :3] + carried
+    a = acceleration[:, :3] + spatial.cross(alpha, r) + spatial.cross(omega, carried)
+    return X_BF, np.concatenate([v, omega], axis=1), np.concatenate([a, alpha], axis=1)
 
 
 def joint_rows(

@@ -2,18 +2,18 @@
 
 Per joint, with kept() and passed() of ``drives.terms``::
 
-    i = kept(tau / k + friction) + ripple(q) [+ passed(i_target + PID(error))]
+    i = kept(tau / k + friction) + ripple(q) [+ sticking(q) + passed(i_target + PID(error))]
 
 - tau is the plant's inverse dynamics of the target motion; friction is Coulomb (per direction), load-dependent, viscous
   with the controller's own correction for temperature, and falls towards standstill; kept() lets a joint at rest
   remember the friction it stopped with.
 - ripple has whole periods per revolution of the joint: 404 (four per motor turn at gear 101) and its neighbours for the
   small joints, 200, 202 and 404 for the big ones. It stays at rest, where it is a constant that depends on the angle.
-- the bracket is the servo: feed-forward and the answer to the measured position error, of which only the fast part
-  counts while the joint moves. A joint whose ``Shape.servo`` is false does without it.
+- the bracket is what the measured position tells: friction of a joint at rest that is moved on its grip, by tens of
+  microradians, turns to oppose them; and the servo, feed-forward and the answer to the position error, of which only
+  the fast part counts while the joint moves. A joint whose ``Shape.sticking`` or ``Shape.servo`` is false does without.
 
-With the servo the map predicts big joints best, and it contains every push the servo answers: an estimator of contact
-does without.
+With the bracket the map predicts big joints best, and it contains every push: an estimator of contact does without.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class Shape(NamedTuple):
         orders: of the ripple, periods per revolution.
         delay, lag: of the ripple's answer in the current.
         directed: whether the ripple differs with the direction.
+        sticking: whether friction turns where the joint is moved at rest.
     """
 
     servo: bool
@@ -63,11 +64,13 @@ class Shape(NamedTuple):
     delay: float
     lag: float
     directed: bool
+    sticking: bool
 
     def names(self) -> list[str]:
         """Names of the coefficients, in the order of ``columns``."""
         servo = terms.servo_names(self.averages, self.integral) if self.servo else []
-        return [*terms.friction_names(), *servo, *terms.ripple_names(self.orders, directed=self.directed)]
+        sticking = ["sticking"] if self.sticking else []
+        return [*terms.friction_names(), *sticking, *servo, *terms.ripple_names(self.orders, directed=self.directed)]
 
 
 #: A joint sticks with what it stopped with: for SETTLING s after a stop the slow part of the error forgets in
@@ -151,6 +154,8 @@ def columns(of: terms.Ride, j: int, shape: Shape, constant: float) -> tuple[np.n
     slow = terms.kept(terms.friction_columns(of, j), terms.leak(of, j, shape.moving, shape.forgetting))
     known = slow[:, 0] / constant
     made = [slow]
+    if shape.sticking:
+        made.append(terms.sticking_column(of, j))
     if shape.servo:
         a = terms.leak(of, j, shape.moving, shape.servo_forgetting)
         made.append(terms.passed(terms.servo_columns(of, j, shape.averages, shape.integral), a))
@@ -185,6 +190,7 @@ def load_current_map(name: str | Path = "lab") -> CurrentMap:
             joint.delay_s,
             joint.lag_s,
             joint.directed,
+            joint.sticking,
         )
         if list(joint.terms) != shape.names():
             raise ModelError(f"{key}: joint {j}'s terms are {list(joint.terms)}, expected {shape.names()}")
@@ -247,6 +253,7 @@ def table(of: CurrentMap) -> dict[str, object]:
                 "delay_s": shape.delay,
                 "lag_s": shape.lag,
                 "directed": shape.directed,
+                "sticking": shape.sticking,
                 "terms": shape.names(),
                 "coefficients": [float(f"{x:.6g}") for x in found],
                 "standard_errors": [float(f"{x:.2g}") for x in errors],

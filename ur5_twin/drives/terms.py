@@ -27,6 +27,8 @@ from ur5_twin.recording.table import Recording
 MOVING = 1e-3
 #: Speeds at which sliding friction has grown by 63 %, rad/s.
 RISE_SPEEDS = (0.01, 0.03, 0.1)
+#: Way on which a resting joint's friction turns to oppose it by 63 %, rad: three steps of the encoder.
+STICKING_WAY = 3e-5
 _NEEDED = (
     "target_q",
     "target_qd",
@@ -175,6 +177,26 @@ def friction_columns(of: Ride, joint: int) -> np.ndarray:
 def friction_names() -> list[str]:
     """Names of ``friction_columns``."""
     return ["torque", "coulomb", "asymmetry", "load", "viscous", *(f"fading_{speed:g}" for speed in RISE_SPEEDS)]
+
+
+def sticking_column(of: Ride, joint: int) -> np.ndarray:
+    """(n, 1) friction of a joint that rests and is moved on its grip, from -1 to 1; 0 while its target moves.
+
+    Over a way x of the encoder z <- e z + (1 - e) sgn(x), e = exp(-|x| / STICKING_WAY): Dahl's model of presliding. It
+    begins at 0 with each rest, since what the joint stopped with is what kept() remembers.
+    """
+    return _sticking(np.ascontiguousarray(of.angle[:, joint]), of.moving[:, joint])[:, None]
+
+
+@numba.njit(cache=True, nogil=True)
+def _sticking(angle, moving):  # pragma: no cover - compiled
+    z = np.zeros(len(angle))
+    for k in range(1, len(angle)):
+        if not moving[k]:
+            way = angle[k] - angle[k - 1]
+            keep = np.exp(-abs(way) / STICKING_WAY)
+            z[k] = keep * z[k - 1] + (1.0 - keep) * np.sign(way)
+    return z
 
 
 def servo_columns(of: Ride, joint: int, times: tuple[float, ...], integral: bool) -> np.ndarray:

@@ -44,9 +44,9 @@ class ExpectedCurrent:
 
     def __init__(self, nominal: NominalModel) -> None:
         of = nominal.current_map
-        if any(shape.servo for shape in of.shapes):
+        if any(shape.servo or shape.sticking for shape in of.shapes):
             raise EstimationError(
-                f"drive {of.name} follows the servo, whose answer to a push it would take off; use lab"
+                f"drive {of.name} follows servo or measured position, whose answer to a push it would take off; use lab"
             )
         n = max((len(shape.orders) for shape in of.shapes), default=0)
         orders, waves = np.zeros((6, n)), np.zeros((6, n, 4))

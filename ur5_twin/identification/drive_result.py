@@ -26,6 +26,7 @@ _WAYS = (
     ("free", "without the servo"),
     ("following", "with the servo"),
     ("chosen", "in the form chosen by the other logs"),
+    ("tared", "the same, told the current of the first 80 ms"),
     ("two_step", "thesis' two-step method"),
     ("printed", "thesis' printed numbers"),
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import queue
 from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -30,7 +32,7 @@ from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
 from ur5_twin.wire.state import State, Value
-from ur5_twin.wire.urscript import Interpreter, library, parse
+from ur5_twin.wire.urscript import Interpreter, library, limits, parse
 from ur5_twin.wire.version import Version
 
 T = TypeVar("T")
@@ -44,6 +46,8 @@ _HEAVIEST, _FARTHEST = 10.0, 1.0
 _AT_START = 1e-3
 #: Columns of the robot's table that are no signals of RTDE: the truth, and the time under another name.
 _PRIVATE = ("truth_", "time", "safety_mode")
+#: Inputs that programs may watch at once.
+_DOGS = 50
 #: Digital outputs: eight standard, eight configurable, two of the tool.
 _OUTPUTS = {"standard": 0, "configurable": 8, "tool": 16}
 
@@ -116,7 +120,7 @@ class VirtualController:
         self._secondary: list[Interpreter] = []
         self._playing = False
         self._numbered = 0
-        self._was_stopped = False
+        self._was_stopped = self._loaded = False
         self._sockets = Sockets(self)
         self._functions = {**library(), **robot_functions(self, self._sockets)}
         if run and len(self._planned) > 1:
@@ -168,7 +172,9 @@ class VirtualController:
 
     def tick(self) -> State:
         """Go on by one tick. Nothing that clients and programs do makes this raise."""
-        while True:
+        self._loaded = False
+        # One program a tick: reading it takes a while, and a client may send many.
+        while not self._loaded:
             try:
                 action, future = self._actions.get_nowait()
             except queue.Empty:
@@ -359,14 +365,16 @@ class VirtualController:
 
         A ``sec`` program runs beside it. What is wrong with any is said in ``messages``.
         """
+        self._loaded = True
         try:
-            program = parse(text)
-            interpreter = Interpreter(program, self._functions)
+            with _no_garbage_search():
+                program = parse(text)
+                interpreter = Interpreter(program, self._functions)
         except ScriptError as error:
             self.say("error", str(error))
             return
         if program.secondary:
-            if len(self._secondary) < 8:
+            if len(self._secondary) < limits.SECONDARY:
                 self._secondary.append(interpreter)
             return
         if why := self._cannot_run():
@@ -417,6 +425,8 @@ class VirtualController:
             raise ScriptError(f"rtde_set_watchdog: '{action}'; it knows ignore, pause and stop")
         self._watchdogs = [dog for dog in self._watchdogs if dog.name != name]
         if frequency > 0.0:
+            if len(self._watchdogs) >= _DOGS:
+                raise ScriptError(f"rtde_set_watchdog: more than {_DOGS} inputs are watched")
             ticks = max(1, round(1.0 / frequency / self.version.period))
             self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.ticks))
 
@@ -544,8 +554,23 @@ def _six_of(tensor: np.ndarray) -> np.ndarray:
     return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
 
 
+@contextmanager
+def _no_garbage_search() -> Generator[None, None, None]:
+    """What is made within stays: looking for garbage in it again and again takes most of a large program's time."""
+    searches = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if searches:
+            gc.enable()
+
+
 def warm_up(version: Version) -> None:
-    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time."""
+    """Have all compiled that a tick and a program need, so that no client waits for it; seconds the first time.
+
+    What lives by then is left out of the search for garbage: all of it takes tens of milliseconds, many ticks.
+    """
     controller = VirtualController(load_scenario("press_plate"), version, run=False)
     q = controller.motion.target[0].tolist()
     controller.run_script(
@@ -555,3 +580,5 @@ def warm_up(version: Version) -> None:
     )
     while controller.playing:
         controller.tick()
+    gc.collect()
+    gc.freeze()

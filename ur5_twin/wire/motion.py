@@ -126,14 +126,14 @@ class Motion:
         """Follow planned rows, one a tick, the first where the reference rests."""
         return self._begin(self._planned(rows))
 
-    def along(self, command: MoveJ | MoveL) -> Move:
-        """A movej or movel; an arm that still moves brakes first.
+    def along(self, command: MoveJ | MoveL, X_FT: np.ndarray) -> Move:
+        """A movej or movel of the tool at X_FT (4, 4) in the flange; an arm that still moves brakes first.
 
         Raises:
             TwinError: out of reach or beyond the joints' limits.
         """
         braking = list(self._braking(BRAKING)) if self.target[1].any() else []
-        planned = self._plan(braking[-1][0] if braking else self.target[0], command)
+        planned = self._plan(braking[-1][0] if braking else self.target[0], command, X_FT)
 
         def both() -> Rows:
             yield from braking
@@ -204,9 +204,9 @@ class Motion:
 
     # Generators of rows
 
-    def _plan(self, q: np.ndarray, command: MoveJ | MoveL) -> Planned:
+    def _plan(self, q: np.ndarray, command: MoveJ | MoveL, X_FT: np.ndarray) -> Planned:
         # Only the distance of a line's guiding points depends on the period here.
-        way = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name)
+        way = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name, X_FT)
         return still(q, 1) if way is None else _Way(self.model, way, self.period)
 
     def _planned(self, rows: Planned) -> Rows:
@@ -275,7 +275,9 @@ class Motion:
             yield np.stack([q, np.zeros(6), np.zeros(6)])
             return
         room = np.where(qd > 0.0, limit - q, limit + q)[speed > 0.0]
-        within = float(np.max([0.0, np.min(2.0 * room / speed[speed > 0.0])])) / self.period
+        # A joint that creeps takes longer than a float can say.
+        with np.errstate(over="ignore"):
+            within = float(np.max([0.0, np.min(2.0 * room / speed[speed > 0.0])])) / self.period
         n = max(1, ticks(min(speed.max() / a, 1e15), self.period))
         n = max(1, min(n, int(min(within, 1e18))))
         duration = n * self.period

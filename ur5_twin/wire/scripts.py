@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 _LONGEST_LINE = 64 * 1024
 _LONGEST_PROGRAM = 1024 * 1024
 #: A string, a comment, or a word: what may hold a keyword, and what is one.
-_TOKEN = re.compile(r'"[^"\n]*"?|#.*|[A-Za-z_]\w*')
-_OPENS = {"def", "sec", "thread", "if", "while", "for"}
+_TOKEN = re.compile(r'"[^"\n]*"?|\'[^\'\n]*\'?|#.*|[A-Za-z_]\w*')
+_OPENS = {"def", "sec", "thread", "if", "while", "switch", "case", "default"}
 #: What a program begins with: the rest are statements, which run by themselves when they come alone.
 _PROGRAM = re.compile(r"\s*(def|sec|thread)\b")
 

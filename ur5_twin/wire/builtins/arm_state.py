@@ -12,7 +12,7 @@ from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.control.limits import check_position
 from ur5_twin.errors import ScriptError, TwinError
 from ur5_twin.wire.builtins.arguments import number, numbers
-from ur5_twin.wire.urscript import Pose
+from ur5_twin.wire.urscript import Pose, costs
 
 if TYPE_CHECKING:
     from ur5_twin.wire.controller import VirtualController
@@ -59,6 +59,7 @@ class ArmState:
         """The reference's, rad/s^2."""
         return self._controller.motion.target[2].tolist()
 
+    @costs(100)
     def get_actual_tcp_pose(self) -> Pose:
         """Of the tool centre point in the base, measured."""
         return self._pose(self._controller.measured)
@@ -67,10 +68,12 @@ class ArmState:
         """Of the flange in the base, measured."""
         return Pose(kinematics.tcp_pose(self._model, self._controller.measured).tolist())
 
+    @costs(100)
     def get_target_tcp_pose(self) -> Pose:
         """Of the tool centre point, of the reference."""
         return self._pose(self._controller.motion.target[0])
 
+    @costs(100)
     def get_target_waypoint(self) -> Pose:
         """As get_target_tcp_pose."""
         return self.get_target_tcp_pose()
@@ -104,12 +107,14 @@ class ArmState:
         """Not simulated: 0."""
         return 0.0
 
+    @costs(100)
     def get_forward_kin(self, q: Any = None, tcp: Any = None) -> Pose:
         """Pose of the tool centre point at six angles, by default the reference's and the active one."""
         angles = self._controller.motion.target[0] if q is None else numbers("get_forward_kin: q", q)
         X_FT = self._offset("get_forward_kin", tcp)
         return Pose(spatial.vector_from_pose(kinematics.forward(self._model, angles) @ X_FT).tolist())
 
+    @costs(400)
     def get_inverse_kin(
         self,
         x: Any,
@@ -127,6 +132,7 @@ class ArmState:
             raise ScriptError("get_inverse_kin: no joint position reaches that pose")
         return found.tolist()
 
+    @costs(400)
     def get_inverse_kin_has_solution(
         self,
         pose: Any,
@@ -138,12 +144,14 @@ class ArmState:
         """Whether get_inverse_kin finds one."""
         return self._inverse("get_inverse_kin_has_solution", pose, qnear, tcp) is not None
 
+    @costs(25)
     def get_jacobian(self, q: Any = None, tcp: Any = None) -> list[list[float]]:
         """Of the tool centre point, base axes, m and rad."""
         angles = self._controller.measured if q is None else numbers("get_jacobian: q", q)
         p_FT = self._offset("get_jacobian", tcp)[:3, 3]
         return kinematics.point_jacobian(self._model, angles, 6, p_FT).tolist()
 
+    @costs(30)
     def get_jacobian_time_derivative(self, q: Any = None, qd: Any = None, tcp: Any = None) -> list[list[float]]:
         """Of get_jacobian, at angles and speeds that are by default the measured ones."""
         angles = self._controller.measured if q is None else numbers("get_jacobian_time_derivative: q", q)
@@ -151,12 +159,14 @@ class ArmState:
         p_FT = self._offset("get_jacobian_time_derivative", tcp)[:3, 3]
         return kinematics.jacobian_dot(self._model, angles, speeds, 6, p_FT).tolist()
 
+    @costs(200)
     def get_mass_matrix(self, q: Any = None, include_rotors_inertia: Any = True) -> list[list[float]]:
         """Of the controller's model, kg m^2."""
         angles = self._controller.measured if q is None else numbers("get_mass_matrix: q", q)
         M = Dynamics(self._model).mass_matrix(angles)
         return (M if include_rotors_inertia else M - np.diag(self._model.rotor_inertia)).tolist()
 
+    @costs(200)
     def get_coriolis_and_centrifugal_torques(self, q: Any = None, qd: Any = None) -> list[float]:
         """Of the controller's model, Nm."""
         angles = self._controller.measured if q is None else numbers("get_coriolis_and_centrifugal_torques: q", q)
@@ -173,6 +183,7 @@ class ArmState:
         still = speeds is None or bool((np.abs(speeds) < _STANDS).all())
         return still and not self._controller.motion.moving
 
+    @costs(400)
     def is_within_safety_limits(self, pose: Any) -> bool:
         """Whether six angles are within the joints' limits, or a pose can be reached."""
         if isinstance(pose, Pose):

@@ -19,6 +19,7 @@ from ur5_twin import spatial
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.builtins.arguments import number, numbers
 from ur5_twin.wire.motion import Move
+from ur5_twin.wire.urscript import costs
 
 if TYPE_CHECKING:
     from ur5_twin.wire.builtins.moving import Moving
@@ -39,6 +40,7 @@ class Force:
         self._scaling, self._damping = 1.0, 0.0
         self._move: Move | None = None
 
+    @costs(100)
     def force_mode(self, task_frame: Any, selection_vector: Any, wrench: Any, type: Any, limits: Any) -> None:
         """Press with a wrench, N and Nm, along the axes of the task frame whose selection is 1, until further notice.
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ur5_twin import spatial
 from ur5_twin.control.commands import MoveJ, MoveL
-from ur5_twin.control.commands import Pose as FlangePose
+from ur5_twin.control.commands import Pose as ToolPose
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.builtins.arguments import number, numbers
 from ur5_twin.wire.motion import Move
@@ -29,13 +26,13 @@ class Moving:
 
     def movej(self, q: Any, a: Any = 1.4, v: Any = 1.05, t: Any = 0, r: Any = 0) -> Waiting:
         """Straight in joint space to six angles or a pose; comes to rest there whatever ``r`` is."""
-        command = MoveJ(self._goal("movej", q), **_rates("movej", a, v, t))
-        yield from self._until_over(lambda: self._motion.along(command))
+        command = MoveJ(_goal("movej", q), **_rates("movej", a, v, t))
+        yield from self._until_over(lambda: self._along(command))
 
     def movel(self, pose: Any, a: Any = 1.2, v: Any = 0.25, t: Any = 0, r: Any = 0) -> Waiting:
         """The tool straight in space, likewise."""
-        command = MoveL(self._goal("movel", pose), **_rates("movel", a, v, t))
-        yield from self._until_over(lambda: self._motion.along(command))
+        command = MoveL(_goal("movel", pose), **_rates("movel", a, v, t))
+        yield from self._until_over(lambda: self._along(command))
 
     def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
         """As movel, since each move comes to rest."""
@@ -90,13 +87,8 @@ class Moving:
     def _motion(self) -> Any:
         return self._controller.motion
 
-    def _goal(self, what: str, value: Any) -> tuple[float, ...] | FlangePose:
-        """Six joint angles, or where the flange is when the tool centre point is at a pose."""
-        goal = numbers(f"{what}: the goal", value)
-        if not isinstance(value, Pose):
-            return tuple(goal.tolist())
-        X_BF = spatial.pose_from_vector(goal) @ np.linalg.inv(self._controller.X_FT)
-        return FlangePose(tuple(spatial.vector_from_pose(X_BF).tolist()))
+    def _along(self, command: MoveJ | MoveL) -> Move:
+        return self._motion.along(command, self._controller.X_FT)
 
     def claim(self) -> None:
         """Take the arm for the thread whose turn it is.
@@ -145,3 +137,9 @@ class Moving:
 
 def _rates(what: str, a: Any, v: Any, t: Any) -> dict[str, float]:
     return {name: number(f"{what}: {name}", value) for name, value in (("a", a), ("v", v), ("t", t))}
+
+
+def _goal(what: str, value: Any) -> tuple[float, ...] | ToolPose:
+    """Six joint angles, or a pose of the tool centre point."""
+    goal = numbers(f"{what}: the goal", value)
+    return ToolPose(tuple(goal.tolist())) if isinstance(value, Pose) else tuple(goal.tolist())

@@ -8,7 +8,7 @@ import numpy as np
 
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.builtins.arguments import number, numbers
-from ur5_twin.wire.urscript import Pose, shown
+from ur5_twin.wire.urscript import Pose, costs, shown
 
 if TYPE_CHECKING:
     from ur5_twin.wire.controller import VirtualController
@@ -21,18 +21,22 @@ class Settings:
     def __init__(self, controller: VirtualController) -> None:
         self._controller = controller
 
+    @costs(300)
     def set_payload(self, m: Any, cog: Any = None) -> None:
         """Mass in kg and its centre in the flange in m; without one the centre stays."""
         self._carry("set_payload", m, cog, None)
 
+    @costs(300)
     def set_payload_mass(self, m: Any) -> None:
         """Mass in kg alone."""
         self._carry("set_payload_mass", m, None, None)
 
+    @costs(300)
     def set_payload_cog(self, CoG: Any) -> None:
         """Centre in the flange in m alone."""
         self._carry("set_payload_cog", self._controller.payload, CoG, None)
 
+    @costs(300)
     def set_target_payload(self, m: Any, cog: Any = None, inertia: Any = None, transition_time: Any = 0) -> None:
         """As set_payload, with [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] about the centre in kg m^2; it counts at once."""
         self._carry("set_target_payload", m, cog, inertia)

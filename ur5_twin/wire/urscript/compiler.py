@@ -37,11 +37,15 @@ from ur5_twin.wire.urscript.syntax import (
     Thread,
     Unary,
 )
-from ur5_twin.wire.urscript.values import Pose, Struct, Value, truth
+from ur5_twin.wire.urscript.values import NUMBERS, SCALARS, Pose, Struct, Value, truth, weight
 
 #: How a block ended, if not at its end.
 BREAK, CONTINUE, RETURN = "break", "continue", "return"
 _ARITHMETIC = frozenset("+-*/%")
+#: What built-ins cost that do not say it with ``costs``: the rest, and those that may wait, as moves are planned.
+_BUILTIN, _WAITING = 4, 300
+#: What a call and a variable take of memory, as numbers in a list.
+_CALL, VARIABLE = 100, 4
 _MISSING = object()
 
 
@@ -56,14 +60,47 @@ class Scope:
 
 
 class Running:
-    """What a thread's closures need of their thread: see ``interpreter.Thread``."""
+    """A thread, as its closures see it.
+
+    Attributes:
+        line: of the statement it is at.
+        left: what it may still spend in this tick.
+        exhausted: its last turn ended because it had spent all.
+        calls: functions it is within.
+        result: what the function that just ended returned.
+        program: the interpreter.
+    """
 
     line: int
-    spent: int
+    left: int
     exhausted: bool
     calls: int
     result: Value
     program: Any
+
+    def pay(self, cost: int) -> None:
+        """Take from what is left for an expression, which cannot wait.
+
+        Raises:
+            ScriptError: an expression spends far more than a tick has.
+        """
+        self.left -= cost
+        if self.left < -limits.OVERDRAFT:
+            raise ScriptError("a line that takes far more than a tick; split it")
+
+    def handle(self, value: Value) -> None:
+        """Pay for a value that is copied, made or reckoned with."""
+        if type(value) not in NUMBERS:
+            numbers = weight(value)
+            self.program.made += numbers
+            self.pay(numbers >> 2)
+
+    def own(self, value: Value) -> Value:
+        """A value of which no part is shared."""
+        if type(value) in SCALARS:
+            return value
+        self.handle(value)
+        return values.copied(value)
 
 
 class Code(NamedTuple):
@@ -80,12 +117,14 @@ class Function:
     Attributes:
         define: its syntax.
         depth: how many functions it is defined within.
+        price: what its parameters cost at each call.
         body: its block, compiled.
         defaults: of its parameters, by name.
     """
 
     define: Define
     depth: int
+    price: int = 0
     body: Code | None = None
     defaults: dict[str, Code] = field(default_factory=dict)
 
@@ -106,6 +145,8 @@ class _Compiler:
     def __init__(self, library: Mapping[str, Callable[..., Any]]) -> None:
         self._library = library
         self._known: list[dict[str, Function]] = []
+        self._words = 0
+        self._fitting: set[tuple[str, int, tuple[str, ...]]] = set()
 
     def program(self, program: Program) -> Code:
         body = program.body
@@ -127,7 +168,9 @@ class _Compiler:
             function = here[one.name]
             if function.define is not one:
                 continue
+            before = self._words
             function.defaults = {name: self._expression(e) for name, e in one.parameters if e is not None}
+            function.price = self._price(one.line, before)
             function.body = self._scoped(one.body)
         code = self._block(body)
         self._known.pop()
@@ -135,19 +178,37 @@ class _Compiler:
 
     # Statements: generators that return how the block ended, or None.
 
+    def _price(self, line: int, before: int) -> int:
+        """What the words cost that were compiled since there were ``before``.
+
+        Raises:
+            ScriptError: too many for one expression, which runs in one go.
+        """
+        words = self._words - before
+        if words > limits.EXPRESSION:
+            raise ScriptError(f"line {line}: an expression of {words} words; {limits.EXPRESSION} are the most")
+        return 1 + words // 4
+
+    def _condition(self, one: Expression) -> tuple[Code, int]:
+        before = self._words
+        return self._expression(one), self._price(one.line, before)
+
     def _block(self, body: Block) -> Code:
-        items = [
-            (one.line, code.waits, code.run)
-            for one in body
-            if not isinstance(one, Define)
-            for code in [self._statement(one)]
-        ]
+        items: list[tuple[int, int, bool, Callable[..., Any]]] = []
+        for one in body:
+            if isinstance(one, Define):
+                continue
+            before = self._words
+            code = self._statement(one)
+            # What has blocks of its own lets its conditions pay for themselves.
+            cost = 1 if isinstance(one, Branch | Switch | Loop) else self._price(one.line, before)
+            items.append((one.line, cost, code.waits, code.run))
 
         def run(thread: Running, scope: Scope) -> Generator[None, None, str | None]:
-            for line, waits, statement in items:
+            for line, cost, waits, statement in items:
                 thread.line = line
-                thread.spent += 1
-                if thread.spent > limits.STATEMENTS:
+                thread.left -= cost
+                if thread.left < 0:
                     thread.exhausted = True
                     yield
                 ended = (yield from statement(thread, scope)) if waits else statement(thread, scope)
@@ -192,25 +253,31 @@ class _Compiler:
                 struct, new = found
                 if not isinstance(struct, Struct) or name not in struct:
                     raise ScriptError(f"{values.shown(struct)[:40]} has no '{name}'")
-                struct[name] = values.copied(new)
+                struct[name] = thread.own(_given(name, new))
+                values.bounded(struct)
 
             return _then(_all([of, value]), set_member)
         indices = [self._expression(index) for index in one.target.indices]
 
         def set_item(thread: Running, scope: Scope, found: list[Value]) -> None:
-            values.set_item(found[0], found[1:-1], found[-1])
+            values.set_item(found[0], found[1:-1], thread.own(found[-1]))
 
         return _then(_all([of, *indices, value]), set_item)
 
     def _branch(self, one: Branch) -> Code:
         cases = [
-            (None if condition is None else self._expression(condition), self._block(body).run)
+            (None if condition is None else self._condition(condition), self._block(body).run)
             for condition, body in one.cases
         ]
 
         def run(thread: Running, scope: Scope) -> Generator[None, None, str | None]:
-            for condition, body in cases:
-                if condition is not None:
+            for priced, body in cases:
+                if priced is not None:
+                    condition, cost = priced
+                    thread.left -= cost
+                    if thread.left < 0:
+                        thread.exhausted = True
+                        yield
                     said = condition.run(thread, scope)
                     if condition.waits:
                         said = yield from said
@@ -222,16 +289,23 @@ class _Compiler:
         return Code(run, True)
 
     def _switch(self, one: Switch) -> Code:
-        of = self._expression(one.of)
+        of, price = self._condition(one.of)
         cases = [
-            (None if value is None else self._expression(value), self._block(body).run) for value, body in one.cases
+            (None if value is None else self._condition(value), self._block(body).run) for value, body in one.cases
         ]
 
         def run(thread: Running, scope: Scope) -> Generator[None, None, str | None]:
+            thread.left -= price
             found = (yield from of.run(thread, scope)) if of.waits else of.run(thread, scope)
-            for value, body in cases:
-                if value is not None:
+            for priced, body in cases:
+                if priced is not None:
+                    value, cost = priced
+                    thread.left -= cost
+                    if thread.left < 0:
+                        thread.exhausted = True
+                        yield
                     said = (yield from value.run(thread, scope)) if value.waits else value.run(thread, scope)
+                    thread.handle(said)
                     if said != found:
                         continue
                 ended = yield from body(thread, scope)
@@ -241,13 +315,14 @@ class _Compiler:
         return Code(run, True)
 
     def _loop(self, one: Loop) -> Code:
-        condition, body, line = self._expression(one.condition), self._block(one.body).run, one.line
+        condition, cost = self._condition(one.condition)
+        body, line = self._block(one.body).run, one.line
 
         def run(thread: Running, scope: Scope) -> Generator[None, None, str | None]:
             while True:
                 thread.line = line
-                thread.spent += 1
-                if thread.spent > limits.STATEMENTS:
+                thread.left -= cost
+                if thread.left < 0:
                     thread.exhausted = True
                     yield
                 said = condition.run(thread, scope)
@@ -292,6 +367,7 @@ class _Compiler:
     # Expressions
 
     def _expression(self, one: Expression) -> Code:
+        self._words += 1
         match one:
             case Literal(value=value):
                 return Code(lambda thread, scope: value, False)
@@ -301,7 +377,7 @@ class _Compiler:
                 make = Pose if pose else values.listed
                 return _then(
                     _all([self._expression(item) for item in items]),
-                    lambda thread, scope, found: make([values.copied(item) for item in found]),
+                    lambda thread, scope, found: make([thread.own(_given("an item", item)) for item in found]),
                 )
             case Index():
                 parts = _all([self._expression(part) for part in (one.of, *one.indices)])
@@ -323,8 +399,8 @@ class _Compiler:
         if one.sign == "not":
             return _then(of, lambda thread, scope, found: not truth(found))
         if one.sign == "-":
-            return _then(of, lambda thread, scope, found: values.negative(found))
-        return of
+            return _then(of, _negative)
+        return _then(of, _positive)
 
     def _binary(self, one: Binary) -> Code:
         sign, left, right = one.sign, self._expression(one.left), self._expression(one.right)
@@ -347,8 +423,8 @@ class _Compiler:
         work = _operation(sign)
         if not left.waits and not right.waits:
             first, second = left.run, right.run
-            return Code(lambda t, s: work(first(t, s), second(t, s)), False)
-        return _then(_all([left, right]), lambda thread, scope, found: work(*found))
+            return Code(lambda t, s: work(t, first(t, s), second(t, s)), False)
+        return _then(_all([left, right]), lambda thread, scope, found: work(thread, *found))
 
     def _function(self, name: str) -> Function | None:
         return next((known[name] for known in reversed(self._known) if name in known), None)
@@ -362,26 +438,51 @@ class _Compiler:
             _check(one, function.define)
             return self._own(function, given, [*(name for name, _ in function.define.parameters[:n]), *names])
         if one.name == "struct" and not n:
-            return _then(given, lambda thread, scope, found: Struct(zip(names, map(values.copied, found), strict=True)))
+            return _then(
+                given,
+                lambda thread, scope, found: values.bounded(
+                    Struct({name: thread.own(_given(name, value)) for name, value in zip(names, found, strict=True)})
+                ),
+            )
+        return self._built_in(one, given, n, names)
+
+    def _built_in(self, one: Call, given: Code, n: int, names: list[str]) -> Code:
+        """A call of a function of the library: the first ``n`` values are given without a name."""
         builtin = self._library.get(one.name)
         if builtin is None:
             raise ScriptError(f"line {one.line}: there is no function '{one.name}'")
-        try:
-            inspect.signature(builtin).bind(*one.arguments, **dict(one.named))
-        except TypeError as error:
-            raise ScriptError(f"line {one.line}: {one.name}: {error}") from None
-        if inspect.isgeneratorfunction(builtin):
+        call_of = (one.name, n, tuple(names))
+        if call_of not in self._fitting:
+            try:
+                inspect.signature(builtin).bind(*one.arguments, **dict(one.named))
+            except TypeError as error:
+                raise ScriptError(f"line {one.line}: {one.name}: {error}") from None
+            self._fitting.add(call_of)
+        waits = inspect.isgeneratorfunction(builtin)
+        cost: int = getattr(builtin, "cost", _WAITING if waits else _BUILTIN)
+
+        def begin(thread: Running, found: list[Value]) -> Any:
+            thread.pay(cost)
+            for value in found:
+                thread.handle(_given(one.name, value))
+            return builtin(*found[:n], **dict(zip(names, found[n:], strict=True))) if names else builtin(*found)
+
+        if waits:
 
             def wait(thread: Running, scope: Scope) -> Generator[None, None, Value]:
                 found = (yield from given.run(thread, scope)) if given.waits else given.run(thread, scope)
-                return (yield from builtin(*found[:n], **dict(zip(names, found[n:], strict=True))))
+                result = yield from begin(thread, found)
+                thread.handle(result)
+                return result
 
             return Code(wait, True)
-        if not names:
-            return _then(given, lambda thread, scope, found: builtin(*found))
-        return _then(
-            given, lambda thread, scope, found: builtin(*found[:n], **dict(zip(names, found[n:], strict=True)))
-        )
+
+        def call(thread: Running, scope: Scope, found: list[Value]) -> Value:
+            result = begin(thread, found)
+            thread.handle(result)
+            return result
+
+        return _then(given, call)
 
     def _own(self, function: Function, given: Code, names: list[str]) -> Code:
         """A call of one of the program's functions: ``given`` are the values of its parameters ``names``."""
@@ -390,14 +491,16 @@ class _Compiler:
 
         def run(thread: Running, scope: Scope) -> Generator[None, None, Value]:
             found = (yield from given.run(thread, scope)) if given.waits else given.run(thread, scope)
+            thread.pay(function.price)
+            thread.program.made += _CALL + VARIABLE * len(function.define.parameters)
             parent = _outwards(scope, outwards)
             inner = Scope(parent)
             for name, value in zip(names, found, strict=True):
-                inner.variables[name] = values.copied(value)
+                inner.variables[name] = thread.own(_given(name, value))
             for name, default in function.defaults.items():
                 if name not in inner.variables:
                     value = (yield from default.run(thread, parent)) if default.waits else default.run(thread, parent)
-                    inner.variables[name] = values.copied(value)
+                    inner.variables[name] = thread.own(_given(name, value))
             thread.calls += 1
             if thread.calls > limits.CALLS:
                 raise ScriptError(f"more than {limits.CALLS} calls within one another")
@@ -468,14 +571,34 @@ def _check(call: Call, define: Define) -> None:
         raise ScriptError(f"line {call.line}: {call.name}: no '{missing[0]}' is given")
 
 
-def _operation(sign: str) -> Callable[[Value, Value], Value]:
-    if sign in _ARITHMETIC:
-        return lambda a, b: values.arithmetic(sign, a, b)
+def _operation(sign: str) -> Callable[[Running, Value, Value], Value]:
     if sign == "xor":
-        return lambda a, b: truth(a) != truth(b)
-    if sign == "==":
-        return lambda a, b: a == b
-    return lambda a, b: values.compared(sign, a, b)
+        return lambda thread, a, b: truth(a) != truth(b)
+    work = values.arithmetic if sign in _ARITHMETIC else values.compared
+
+    def operate(thread: Running, a: Value, b: Value) -> Value:
+        thread.handle(a)
+        thread.handle(b)
+        return work(sign, a, b)
+
+    return operate
+
+
+def _negative(thread: Running, scope: Scope, value: Value) -> Value:
+    thread.handle(value)
+    return values.negative(value)
+
+
+def _positive(thread: Running, scope: Scope, value: Value) -> Value:
+    if not (isinstance(value, list) or values.is_number(value)):
+        raise ScriptError(f"there is no +{values.shown(value)[:40]}")
+    return value
+
+
+def _given(what: str, value: Value) -> Value:
+    if value is None:
+        raise ScriptError(f"'{what}' would be nothing: the function gives no value")
+    return value
 
 
 def _all(codes: list[Code]) -> Code:
@@ -527,8 +650,7 @@ def _store(name: str, where: str) -> Callable[[Running, Scope, Value], None]:
     """Into the variable of that name wherever it is, a new one of this call if there is none."""
 
     def store(thread: Running, scope: Scope, value: Value) -> None:
-        if value is None:
-            raise ScriptError(f"'{name}' would be nothing: the function gives no value")
+        _given(name, value)
         target = scope
         if where == "global":
             while target.parent is not None:
@@ -538,7 +660,9 @@ def _store(name: str, where: str) -> Callable[[Running, Scope, Value], None]:
                 target = target.parent
             if name not in target.variables:
                 target = scope
-        target.variables[name] = values.copied(value)
+        if name not in target.variables:
+            thread.program.made += VARIABLE
+        target.variables[name] = thread.own(value)
 
     return store
 

@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
+from types import GeneratorType
 from typing import Any
 
-from ur5_twin.errors import ScriptError, TwinError
-from ur5_twin.wire.urscript import limits
-from ur5_twin.wire.urscript.compiler import Code, Running, Scope, compiled
-from ur5_twin.wire.urscript.syntax import Program
-from ur5_twin.wire.urscript.values import Value, shown
+import numpy as np
 
-#: What a program may do wrong that Python finds first.
-_ITS_OWN = (TwinError, ArithmeticError, LookupError, TypeError, ValueError, RecursionError, MemoryError)
+from ur5_twin.errors import ScriptError
+from ur5_twin.wire.urscript import limits
+from ur5_twin.wire.urscript.compiler import VARIABLE, Code, Running, Scope, compiled
+from ur5_twin.wire.urscript.syntax import Program
+from ur5_twin.wire.urscript.values import Struct, Value, shown, weight
+
+#: What a generator takes of memory, as numbers in a list.
+_FRAME = 16
+#: So much deeper than when they were made may structs be whose innermost parts got others since.
+_DEEPER = 2 * limits.NESTING
 
 
 class _Thread(Running):
-    """A thread of the program, between two of its statements.
-
-    Attributes:
-        line: of the statement it is at.
-        spent: statements it has run in this tick.
-        exhausted: its last turn ended because that was all it may run in one.
-        calls: functions it is within.
-        result: what the function that just ended returned.
-        program: the interpreter.
-    """
+    """A thread of the program, between two of its statements."""
 
     def __init__(self, program: Interpreter, body: Code, scope: Scope) -> None:
-        self.line, self.spent, self.calls = 0, 0, 0
+        self.line, self.left, self.calls = 0, 0, 0
         self.exhausted = False
         self.result: Value = None
         self.program = program
@@ -39,17 +35,20 @@ class Interpreter:
     """Runs a program.
 
     Each ``step`` gives every thread a turn, in the order in which they began: until it waits (a built-in yields), has
-    run ``limits.STATEMENTS`` statements, or is over. The program is over when its first thread is, or with an error in
-    any of them.
+    spent ``limits.STATEMENTS``, or is over. When all together have spent ``limits.TICK`` the others come first in the
+    next tick; what one spends beyond it, in an expression, the program waits for. The program is over when its first
+    thread is, or with an error in any of them.
 
     Args:
         program: what to run.
         library: the functions that it does not define itself. Their parameters have URScript's names. A generator
-            function waits a tick at each ``yield``; if its thread is killed meanwhile it is closed.
+            function waits a tick at each ``yield``; if its thread is killed meanwhile it is closed. ``costs`` says
+            which ones are dear.
 
     Attributes:
         program: what runs.
         error: what it did wrong, with the line; None if nothing.
+        made: numbers that its lists got since they were counted.
 
     Raises:
         ScriptError: it calls what there is not.
@@ -62,6 +61,10 @@ class Interpreter:
         self._within_critical = 0
         self._begun = 0
         self._threads: dict[int, _Thread] = {}
+        self.made = 0
+        self._share = limits.SECONDARY if program.secondary else 1
+        self._left = 0
+        self._late: list[int] = []
         self._now: _Thread | None = None
         main = compiled(program, library)
         self._line = 1
@@ -84,13 +87,29 @@ class Interpreter:
 
     def step(self) -> None:
         """One tick."""
-        for handle, thread in list(self._threads.items()):
-            if handle not in self._threads:
+        self._left = min(self._left, 0) + limits.TICK // self._share
+        turns = [*self._late, *(handle for handle in self._threads if handle not in self._late)]
+        self._late = []
+        # What overflows is infinite: the program's affair, nothing to warn of.
+        with np.errstate(all="ignore"):
+            self._turns(turns)
+        if self.made > limits.COUNTED and self._threads:
+            self.made = 0
+            if self._holds_too_much():
+                self._fail(next(iter(self._threads.values())), "the variables hold more than a program may keep")
+
+    def _turns(self, handles: list[int]) -> None:
+        for index, handle in enumerate(handles):
+            thread = self._threads.get(handle)
+            if thread is None:
                 continue
             # Checked at each turn: a thread before it in this tick may have entered.
             critical = self._critical
             if critical is not None and critical is not thread and critical.exhausted:
                 continue
+            if self._left <= 0:
+                self._late = handles[index:]
+                break
             self._turn(handle, thread)
 
     def kill_all(self) -> None:
@@ -151,7 +170,8 @@ class Interpreter:
             self._critical = None
 
     def _turn(self, handle: int, thread: _Thread) -> None:
-        thread.spent, thread.exhausted = 0, False
+        thread.left, thread.exhausted = limits.STATEMENTS // self._share, False
+        self._left -= thread.left
         self._now, self._halted = thread, False
         first = handle == next(iter(self._threads))
         try:
@@ -159,19 +179,24 @@ class Interpreter:
             over = False
         except StopIteration:
             over = True
-        except _ITS_OWN as error:
+        except Exception as error:  # a built-in's, whatever it is, ends the program that called it
             self._now = None
-            said = str(error) or type(error).__name__
-            self.error = ScriptError(said if said.startswith("line ") else f"line {thread.line}: {said}")
-            self.kill_all()
-            self._line = thread.line
+            deep = isinstance(error, RecursionError)
+            self._fail(thread, "calls too deep within one another" if deep else str(error) or type(error).__name__)
             return
         self._now = None
+        self._left += thread.left
         if self._halted or (over and first):
             self._line = thread.line
             self.kill_all()
         elif over:
             self._end(handle)
+
+    def _fail(self, thread: _Thread, said: str) -> None:
+        if self.error is None:
+            self.error = ScriptError(said if said.startswith("line ") else f"line {thread.line}: {said}")
+        self.kill_all()
+        self._line = thread.line
 
     def _end(self, handle: int) -> None:
         thread = self._threads.pop(handle, None)
@@ -179,4 +204,30 @@ class Interpreter:
             return
         if self._critical is thread:
             self._critical, self._within_critical = None, 0
-        thread.work.close()
+        try:
+            thread.work.close()
+        except Exception as error:  # of a built-in that tidies up
+            self._fail(thread, str(error) or type(error).__name__)
+
+    def _holds_too_much(self) -> bool:
+        """Whether its variables, and what its expressions have at hand, are more than a program may keep."""
+        held, scopes = 0, set[int]()
+        for thread in self._threads.values():
+            work: Any = thread.work
+            while isinstance(work, GeneratorType) and work.gi_frame is not None:
+                frame = work.gi_frame
+                held += _FRAME
+                here = frame.f_locals
+                for value in [here[name] for name in frame.f_code.co_varnames if name in here]:
+                    if isinstance(value, list | Struct | str):
+                        held += weight(value, -_DEEPER)
+                        continue
+                    scope = value if isinstance(value, Scope) else None
+                    while scope is not None and id(scope) not in scopes:
+                        scopes.add(id(scope))
+                        held += sum(VARIABLE + weight(kept, -_DEEPER) for kept in scope.variables.values())
+                        scope = scope.parent
+                if held > limits.HELD:
+                    return True
+                work = work.gi_yieldfrom
+        return False

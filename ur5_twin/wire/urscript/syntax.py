@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from ur5_twin.wire.urscript.values import Value
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Literal:
     line: int
     value: Value
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Name:
     line: int
     name: str
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ListOf:
     """``[a, b]``, or with ``pose`` ``p[x, y, z, rx, ry, rz]``."""
 
@@ -28,7 +28,7 @@ class ListOf:
     pose: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Index:
     """``of[a]`` or ``of[a, b]``."""
 
@@ -37,7 +37,7 @@ class Index:
     indices: tuple[Expression, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Member:
     """``of.name``."""
 
@@ -46,7 +46,7 @@ class Member:
     name: str
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Call:
     line: int
     name: str
@@ -54,7 +54,7 @@ class Call:
     named: tuple[tuple[str, Expression], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Run:
     """``run name()``, which begins a thread and is its handle."""
 
@@ -62,14 +62,14 @@ class Run:
     call: Call
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Unary:
     line: int
     sign: str
     of: Expression
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Binary:
     line: int
     sign: str
@@ -80,7 +80,7 @@ class Binary:
 Expression = Literal | Name | ListOf | Index | Member | Call | Run | Unary | Binary
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Assign:
     """``scope`` is ``global``, ``local`` or nothing; ``target`` a name, or a part of a list or a struct."""
 
@@ -90,13 +90,13 @@ class Assign:
     value: Expression
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Evaluate:
     line: int
     value: Expression
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Branch:
     """``if``, ``elif`` and ``else``: conditions with their blocks, in order; the last one's may be None."""
 
@@ -104,7 +104,7 @@ class Branch:
     cases: tuple[tuple[Expression | None, Block], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Switch:
     """``switch``: values with their blocks; ``default`` has None."""
 
@@ -113,20 +113,20 @@ class Switch:
     cases: tuple[tuple[Expression | None, Block], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Loop:
     line: int
     condition: Expression
     body: Block
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Return:
     line: int
     value: Expression | None
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Thread:
     """``kill`` or ``join`` of a thread's handle."""
 
@@ -135,7 +135,7 @@ class Thread:
     handle: Expression
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Plain:
     """``break``, ``continue``, ``halt``, ``enter_critical`` or ``exit_critical``."""
 
@@ -143,7 +143,7 @@ class Plain:
     what: str
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Define:
     """``def``, ``sec`` or ``thread``."""
 
@@ -158,7 +158,7 @@ Statement = Assign | Evaluate | Branch | Switch | Loop | Return | Thread | Plain
 Block = tuple[Statement, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Program:
     """A whole text.
 

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from itertools import repeat
+from typing import Any, TypeVar
+
+import numpy as np
 
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.urscript import limits
 
 _INT = 2**31
+#: From here on floats are shown with an exponent.
+_LONG = 1e15
 
 
 class Pose(list[float]):
@@ -29,12 +34,23 @@ class Pose(list[float]):
             raise ScriptError(f"a pose is six numbers, not {shown(list(numbers))}")
         super().__init__(float(number) for number in numbers)
 
+    @classmethod
+    def of(cls, pose: Pose) -> Pose:
+        """A copy of one, which needs no check."""
+        new = cls.__new__(cls)
+        new.extend(pose)
+        return new
+
 
 class Struct(dict[str, "Value"]):
     """``struct(a = 1)``: named values."""
 
 
 Value = bool | int | float | str | list | Struct | None
+#: Exact types of values that nothing can change, and of those that weigh one.
+SCALARS = frozenset((float, int, bool, str, type(None)))
+NUMBERS = frozenset((float, int, bool))
+_Holder = TypeVar("_Holder", bound="list | Struct")
 
 
 def is_number(value: object) -> bool:
@@ -43,12 +59,45 @@ def is_number(value: object) -> bool:
 
 def copied(value: Value) -> Value:
     """The same value, of which no part is shared."""
-    if isinstance(value, Pose):
-        return Pose(value)
-    if isinstance(value, list):
-        return [copied(item) for item in value]
-    if isinstance(value, Struct):
-        return Struct({name: copied(item) for name, item in value.items()})
+    kind = type(value)
+    if kind is list:
+        return [item if type(item) in SCALARS else copied(item) for item in value]  # type: ignore[union-attr]
+    if kind is Pose:
+        return Pose.of(value)  # type: ignore[arg-type]
+    if kind is Struct:
+        return Struct({name: copied(item) for name, item in value.items()})  # type: ignore[union-attr]
+    return value
+
+
+def weight(value: Value, depth: int = 0) -> int:
+    """Numbers in a value; a string counts as one for every so many characters, a struct's names as one each.
+
+    Raises:
+        ScriptError: structs are too deep within one another.
+    """
+    if isinstance(value, str):
+        return 1 + len(value) // limits.CHARACTERS
+    if not isinstance(value, list | Struct):
+        return 1
+    if depth > limits.STRUCTS:
+        raise ScriptError(f"structs more than {limits.STRUCTS} deep within one another")
+    items = value.values() if isinstance(value, Struct) else value
+    total = 1 + 2 * len(value) if isinstance(value, Struct) else len(value)
+    for item in items:
+        if type(item) not in NUMBERS:
+            total += weight(item, depth + 1)
+    return total
+
+
+def bounded(value: _Holder) -> _Holder:
+    """A list or struct, of a size that is allowed.
+
+    Raises:
+        ScriptError: it is too large, or structs are too deep within one another.
+    """
+    size = weight(value)
+    if size > limits.LIST:
+        raise ScriptError(f"a list or struct of {size} numbers; {limits.LIST} are the most")
     return value
 
 
@@ -58,15 +107,10 @@ def listed(items: list[Value]) -> list[Value]:
     Raises:
         ScriptError: it is too long, or a list of lists of lists.
     """
-    size = len(items)
     for item in items:
-        if isinstance(item, list):
-            size += len(item)
-            if any(isinstance(inner, list | Struct) for inner in item):
-                raise ScriptError("a list holds numbers, poses or rows of a matrix, nothing deeper")
-    if size > limits.LIST:
-        raise ScriptError(f"a list of {size} numbers; {limits.LIST} are the most")
-    return items
+        if isinstance(item, list) and any(isinstance(inner, list | Struct) for inner in item):
+            raise ScriptError("a list holds numbers, poses or rows of a matrix, nothing deeper")
+    return bounded(items)
 
 
 def truth(value: Value) -> bool:
@@ -96,7 +140,10 @@ def shown(value: Value) -> str:
     if isinstance(value, float):
         if not math.isfinite(value):
             return str(value)
-        return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:.6g}"
+        if abs(value) >= _LONG:
+            return f"{value:.6g}"
+        decimal = f"{value:.6f}".rstrip("0").rstrip(".")
+        return "0" if decimal == "-0" else decimal
     if isinstance(value, list):
         inner = ", ".join(shown(item) for item in value)
         return f"{'p' if isinstance(value, Pose) else ''}[{inner}]"
@@ -150,17 +197,21 @@ def arithmetic(sign: str, a: Value, b: Value) -> Value:
         return text(shown(a) + shown(b))
     if sign == "*" and _is_matrix(a) and isinstance(b, list):
         return _product(a, b)  # type: ignore[arg-type]
+    pairs: Iterable[tuple[Any, Any]]
     if isinstance(a, list) and isinstance(b, list):
         if len(a) != len(b):
             raise ScriptError(f"lists of {len(a)} and {len(b)} in {shown(a)[:40]} {sign} {shown(b)[:40]}")
-        found = [arithmetic(sign, x, y) for x, y in zip(a, b, strict=True)]
+        pairs = zip(a, b, strict=True)
     elif isinstance(a, list) and is_number(b):
-        found = [arithmetic(sign, x, b) for x in a]
+        pairs = zip(a, repeat(b))
     elif is_number(a) and isinstance(b, list):
-        found = [arithmetic(sign, a, y) for y in b]
+        pairs = zip(repeat(a), b)
     else:
         raise ScriptError(f"there is no {shown(a)[:40]} {sign} {shown(b)[:40]}")
-    return Pose(found) if isinstance(a, Pose) or isinstance(b, Pose) else found  # type: ignore[arg-type]
+    work: Callable[[Any, Any], Any] = _NUMBERS[sign]
+    # Floats are most of what lists hold, and need no check.
+    found = [work(x, y) if type(x) is float is type(y) else arithmetic(sign, x, y) for x, y in pairs]
+    return Pose(found) if isinstance(a, Pose) or isinstance(b, Pose) else found
 
 
 def compared(sign: str, a: Value, b: Value) -> bool:
@@ -198,19 +249,20 @@ def item(of: Value, indices: Sequence[Value]) -> Value:
 
 
 def set_item(of: Value, indices: Sequence[Value], value: Value) -> None:
-    """``of[i] = value`` or ``of[i, j] = value``, in place."""
+    """``of[i] = value`` or ``of[i, j] = value``, in place; the value must be nobody else's."""
     holder, i = _place(of, indices)
-    if isinstance(holder, Pose) and not is_number(value):
-        raise ScriptError(f"a pose holds numbers, not {shown(value)[:40]}")
-    if isinstance(value, list) and isinstance(holder[i], list) != isinstance(value, list):
-        raise ScriptError("a list's item stays a number or a list")
     before = holder[i]
-    holder[i] = float(value) if isinstance(holder, Pose) else copied(value)  # type: ignore[arg-type]
-    try:
+    if isinstance(holder, Pose):
+        if not is_number(value):
+            raise ScriptError(f"a pose holds numbers, not {shown(value)[:40]}")
+        value = float(value)  # type: ignore[arg-type]
+    if value is None:
+        raise ScriptError("a list's item would be nothing: the function gives no value")
+    if isinstance(before, list) != isinstance(value, list):
+        raise ScriptError("a list's item stays a number or a list")
+    holder[i] = value  # type: ignore[assignment]
+    if type(value) not in NUMBERS:
         listed(of if isinstance(of, list) else holder)
-    except ScriptError:
-        holder[i] = before
-        raise
 
 
 def _place(of: Value, indices: Sequence[Value]) -> tuple[list, int]:
@@ -218,7 +270,7 @@ def _place(of: Value, indices: Sequence[Value]) -> tuple[list, int]:
     for depth, index in enumerate(indices):
         if not isinstance(of, list):
             raise ScriptError(f"{shown(of)[:40]} is no list{' of lists' if depth else ''}")
-        if not is_number(index) or index != int(index):  # type: ignore[arg-type]
+        if not is_number(index) or not float(index).is_integer():  # type: ignore[arg-type]
             raise ScriptError(f"an index is a whole number, not {shown(index)[:40]}")
         i = int(index)  # type: ignore[arg-type]
         if not 0 <= i < len(of):
@@ -235,17 +287,26 @@ def _is_matrix(value: Value) -> bool:
 
 def _product(a: list[list[float]], b: list) -> Value:
     """Matrix times matrix or column."""
-    if not _is_matrix(b):
-        return [sum_of(arithmetic("*", row, b)) for row in a]
-    columns = [list(column) for column in zip(*b, strict=True)] if len({len(row) for row in b}) == 1 else None
-    if columns is None or any(len(row) != len(b) for row in a):
+    left: Any
+    right: Any
+    try:
+        left, right = np.array(a), np.array(b)
+    except ValueError:
+        left = right = np.empty(0)
+    if {left.dtype.kind, right.dtype.kind} - set("if") or left.ndim != 2 or right.ndim not in (1, 2):
+        raise ScriptError(f"{shown(a)[:40]} * {shown(b)[:40]}: a matrix has rows of the same length, and numbers alone")
+    if left.shape[1] != len(right):
         raise ScriptError("a matrix times another: the first one's columns must be as many as the second one's rows")
-    return listed([[sum_of(arithmetic("*", row, column)) for column in columns] for row in a])
+    if len(left) * right[0].size > limits.LIST:
+        raise ScriptError(f"a product of {len(left) * right[0].size} numbers; {limits.LIST} are the most")
+    whole = left.dtype.kind == right.dtype.kind == "i"
+    # As floats: the products of large integers would overflow.
+    found = left.astype(float) @ right.astype(float)
+    return _rounded(found.tolist()) if whole else found.tolist()
 
 
-def sum_of(numbers: Value) -> float:
-    """The sum of a list of numbers."""
-    assert isinstance(numbers, list)
-    if not all(is_number(number) for number in numbers):
-        raise ScriptError(f"{shown(numbers)[:40]} is no list of numbers")
-    return kept(sum(numbers))
+def _rounded(numbers: Any) -> Any:
+    """Whole numbers, in lists, as integers where they fit."""
+    if isinstance(numbers, list):
+        return [_rounded(number) for number in numbers]
+    return int(numbers) if -_INT <= numbers < _INT else numbers

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ur5_twin.errors import ScriptError
+from ur5_twin.wire.urscript.costs import costs
 from ur5_twin.wire.urscript.values import is_number, listed, shown
 
 
@@ -27,11 +28,13 @@ def array(name: str, value: Any, dimensions: tuple[int, ...] = (1,)) -> np.ndarr
     return found
 
 
+@costs(8)
 def norm(a: Any) -> float:
     """Length of a vector, or the size of a number."""
     return abs(a) if is_number(a) else float(np.linalg.norm(array("norm", a)))
 
 
+@costs(8)
 def normalize(v: Any) -> list[float]:
     """The unit vector along v."""
     found = array("normalize", v)
@@ -62,7 +65,7 @@ def size(v: Any) -> int | list[int]:
     return length(v)
 
 
-def inv(m: Any) -> list[list[float]]:
+def inverse(m: Any) -> list[list[float]]:
     """Inverse of a square matrix."""
     found = array("inv", m, (2,))
     try:
@@ -76,6 +79,7 @@ def transpose(m: Any) -> list[list[float]]:
     return array("transpose", m, (2,)).T.tolist()
 
 
+@costs(8)
 def dot(a: Any, b: Any) -> float:
     """Inner product of two vectors."""
     left, right = array("dot", a), array("dot", b)
@@ -84,6 +88,7 @@ def dot(a: Any, b: Any) -> float:
     return float(left @ right)
 
 
+@costs(20)
 def cross(a: Any, b: Any) -> list[float]:
     """Cross product of two vectors of three."""
     left, right = array("cross", a), array("cross", b)
@@ -105,7 +110,6 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "get_list_length": get_list_length,
     "length": length,
     "size": size,
-    "inv": inv,
     "transpose": transpose,
     "dot": dot,
     "cross": cross,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ur5_twin import spatial
 from ur5_twin.errors import ScriptError
-from ur5_twin.wire.urscript.library.lists import array
+from ur5_twin.wire.urscript.costs import costs
+from ur5_twin.wire.urscript.library.lists import array, inverse
 from ur5_twin.wire.urscript.values import Pose, is_number, shown
 
 
@@ -31,16 +33,19 @@ def pose(X: np.ndarray) -> Pose:
     return Pose(spatial.vector_from_pose(X).tolist())
 
 
+@costs(100)
 def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
     """X_A X_B: the second pose, given in the first one's frame."""
     return pose(matrix("pose_trans", p_from) @ matrix("pose_trans", p_from_to))
 
 
+@costs(100)
 def pose_inv(p_from: Any) -> Pose:
     """X^-1."""
     return pose(np.linalg.inv(matrix("pose_inv", p_from)))
 
 
+@costs(100)
 def pose_add(p_1: Any, p_2: Any) -> Pose:
     """Positions added, rotations R_1 R_2."""
     first, second = matrix("pose_add", p_1), matrix("pose_add", p_2)
@@ -50,6 +55,7 @@ def pose_add(p_1: Any, p_2: Any) -> Pose:
     return pose(X)
 
 
+@costs(100)
 def pose_sub(p_to: Any, p_from: Any) -> Pose:
     """Positions subtracted, rotations R_to R_from^-1."""
     first, second = matrix("pose_sub", p_to), matrix("pose_sub", p_from)
@@ -59,16 +65,19 @@ def pose_sub(p_to: Any, p_from: Any) -> Pose:
     return pose(X)
 
 
+@costs(100)
 def pose_dist(pose_from: Any, pose_to: Any) -> float:
     """Length of the difference of positions (m) and rotation (rad) together."""
     return float(np.linalg.norm(pose_sub(pose_to, pose_from)))
 
 
+@costs(40)
 def point_dist(p_from: Any, p_to: Any) -> float:
     """Distance of two poses' origins, m."""
     return float(np.linalg.norm(matrix("point_dist", p_to)[:3, 3] - matrix("point_dist", p_from)[:3, 3]))
 
 
+@costs(200)
 def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
     """Between two poses: the first at 0, the second at 1; straight, and with the shortest rotation."""
     first, second = matrix("interpolate_pose", p_from), matrix("interpolate_pose", p_to)
@@ -81,6 +90,7 @@ def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
     return pose(X)
 
 
+@costs(40)
 def wrench_trans(T_from_to: Any, w_from: Any) -> list[float]:
     """A wrench [force, moment] given in frame "from", in frame "to", of which the pose in "from" is given."""
     X, w = matrix("wrench_trans", T_from_to), array("wrench_trans", w_from)
@@ -91,11 +101,25 @@ def wrench_trans(T_from_to: Any, w_from: Any) -> list[float]:
     return [*force.tolist(), *moment.tolist()]
 
 
+@costs(100)
+def inv(m: Any) -> Pose | list[list[float]]:
+    """Inverse of a square matrix or of a pose."""
+    return pose_inv(m) if isinstance(m, Pose) else inverse(m)
+
+
+@costs(20)
 def rotvec2rpy(rotation_vector: Any) -> list[float]:
     """Roll, pitch and yaw (rad) of a rotation vector: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    return Rotation.from_rotvec(_three("rotvec2rpy", rotation_vector)).as_euler("xyz").tolist()
+    R = Rotation.from_rotvec(_three("rotvec2rpy", rotation_vector)).as_matrix()
+    upright = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], upright)
+    if upright < spatial.ZYZ_SINGULAR_SIN:
+        # Only the sum or difference of roll and yaw exists: all of it is the roll.
+        return [math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0]
+    return [math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])]
 
 
+@costs(20)
 def rpy2rotvec(rpy: Any) -> list[float]:
     """Rotation vector of roll, pitch and yaw (rad)."""
     return Rotation.from_euler("xyz", _three("rpy2rotvec", rpy)).as_rotvec().tolist()
@@ -109,6 +133,7 @@ def _three(name: str, value: Any) -> np.ndarray:
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "inv": inv,
     "pose_trans": pose_trans,
     "pose_inv": pose_inv,
     "pose_add": pose_add,

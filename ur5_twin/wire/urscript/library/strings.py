@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 from ur5_twin.errors import ScriptError
-from ur5_twin.wire.urscript.values import is_number, shown, text
+from ur5_twin.wire.urscript.values import kept, shown, text
+
+_NUMBER = re.compile(
+    r"\s*+(?:(?P<whole>[+-]?\d++)|[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?+|[+-]?(?i:inf)|0[xX](?P<hex>[\da-fA-F]{1,16}))\s*+",
+    re.ASCII,
+)
+_DIGITS = 20
 
 
 def _strings(name: str, *values: Any) -> None:
@@ -23,14 +30,13 @@ def to_str(val: Any) -> str:
 def to_num(str: Any) -> int | float:
     """The number that a string is."""
     _strings("to_num", str)
-    try:
-        return int(str)
-    except ValueError:
-        pass
-    try:
-        return float(str)
-    except ValueError:
-        raise ScriptError(f"to_num of '{str[:40]}': not a number") from None
+    found = _NUMBER.fullmatch(str)
+    if found is None:
+        raise ScriptError(f"to_num of '{str[:40]}': not a number")
+    if found["hex"]:
+        return kept(int(found["hex"], 16))
+    # Within so many digits: more would take long, and be no integer.
+    return kept(int(str)) if found["whole"] and len(str) <= _DIGITS else float(str)
 
 
 def str_cat(op1: Any, op2: Any) -> str:
@@ -61,7 +67,7 @@ def str_len(str: Any) -> int:
 def str_find(src: Any, target: Any, start_from: Any = 0) -> int:
     """Where a string is in another, from a place on; -1 if it is not."""
     _strings("str_find", src, target)
-    if not is_number(start_from):
+    if not isinstance(start_from, int) or start_from < 0:
         raise ScriptError(f"str_find from {shown(start_from)[:40]}: not a place")
     return src.find(target, int(start_from))
 
