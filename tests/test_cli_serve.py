@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import signal
 import socket
@@ -12,7 +14,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from ur5_twin.terminal import serve_words
 from ur5_twin.wire import realtime_layout
+from ur5_twin.wire.server import Statistics
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -41,7 +45,8 @@ def test_a_robot_until_it_is_stopped(number: signal.Signals) -> None:
     process, ports = started("free_motion", "--version", "1.6", "--late-packages")
     try:
         # A robot of that age has no RTDE.
-        robot = ["dashboard", "primary", "realtime", "realtime_readonly", "secondary"]
+        robot = ["dashboard", "primary", "realtime", "secondary"]
+        robot += [f"{name}_readonly" for name in robot[1:]]
         # Its tool carries the force sensor.
         assert sorted(ports) == sorted([*robot, "net_ft"])
         with socket.create_connection(("127.0.0.1", ports["realtime"]), timeout=10.0) as client:
@@ -118,3 +123,52 @@ def test_a_port_in_use(run: Run) -> None:
         code, _, err = run("serve", "--free-ports", "--ports", f"rtde={number}")
     assert code == 2
     assert f"127.0.0.1:{number} (rtde) is in use" in err
+
+
+def test_a_sensors_port_in_use(run: Run) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        number = taken.getsockname()[1]
+        code, _, err = run("serve", "free_motion", "--free-ports", "--ports", f"net_ft={number}")
+    assert code == 2
+    assert f"127.0.0.1:{number} (net_ft) is in use" in err
+    assert "--ports net_ft=0,net_ft_page=0" in err
+
+
+def test_a_terminal_is_told_how_it_goes() -> None:
+    master, slave = os.openpty()
+    command = [sys.executable, "-m", "ur5_twin.cli", "serve", "--free-ports"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=slave, env=os.environ | {"COLUMNS": "200"}
+    ) as process:
+        os.close(slave)
+        try:
+            shown = b""
+            while b"ticks/s" not in shown:
+                shown += os.read(master, 4096)
+            process.send_signal(signal.SIGINT)
+            # Whoever leaves a terminal unread is stopped by it.
+            with contextlib.suppress(OSError):
+                while os.read(master, 4096):
+                    pass
+            out, _ = process.communicate(timeout=10.0)
+        finally:
+            process.kill()
+            os.close(master)
+    assert re.search(rb"program stopped, \d+ ticks/s, behind \d+, clients: none", shown)
+    assert b"ticks/s" not in out
+
+
+def test_who_is_no_terminal_is_not(run: Run) -> None:
+    code, out, err = run("serve", "--free-ports", "--duration", "2.5")
+    assert code == 0
+    assert err == ""
+    assert "ticks/s" not in out
+
+
+def test_what_a_status_line_says() -> None:
+    clients = {"dashboard": 0, "rtde": 2, "net_ft": 1}
+    found = Statistics(100, 3, 1, np.zeros(0), 0.5, 4, 0, clients)
+    assert serve_words(found, 124.9, "playing") == (
+        "playing, 125 ticks/s, behind 3, packages left out 5, clients: rtde 2 net_ft 1"
+    )

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ur5_twin.live.session import Status
     from ur5_twin.live.test_stand import DeviceStatus
     from ur5_twin.recording.table import Note, Recording
+    from ur5_twin.wire.server import Statistics
 
 
 @contextmanager
@@ -30,29 +31,45 @@ def progress(label: str, total: int | None) -> Iterator[Callable[..., None]]:
 
 
 @contextmanager
-def live_line(title: str, estimator: str | None) -> Iterator[Callable[[Status, list[str]], None]]:
-    """A status line of a live run on stderr, if that is a terminal; what happens is printed in any case.
+def _line(waiting: str, said: Sequence[str]) -> Iterator[Callable[[str, Sequence[str]], None]]:
+    """A line on stderr that is written anew, if that is a terminal; what is said before and meanwhile is printed in
+    any case.
 
-    Gives a function to call with how it goes and what has happened since.
+    Gives a function to call with the line and with what has happened since.
     """
     from rich.console import Console
+    from rich.markup import escape
     from rich.status import Status as Line
 
     console = Console(stderr=True)
-    console.print(f"{title}; Ctrl-C stops", highlight=False, markup=False)
-    line = Line("waiting for rows", console=console, spinner="line")
+
+    def say(words: Sequence[str]) -> None:
+        for what in words:
+            console.print(what, highlight=False, markup=False, soft_wrap=True)
+
+    say(said)
+    line = Line(waiting, console=console, spinner="line")
     if console.is_terminal:
         line.start()
 
-    def tell(status: Status, news: list[str]) -> None:
-        for what in news:
-            console.print(f"- {what}", highlight=False, markup=False)
-        line.update(_escaped(live_words(status, estimator)))
+    def tell(words: str, news: Sequence[str]) -> None:
+        say([f"- {what}" for what in news])
+        line.update(escape(words))
 
     try:
         yield tell
     finally:
         line.stop()
+
+
+@contextmanager
+def live_line(title: str, estimator: str | None) -> Iterator[Callable[[Status, list[str]], None]]:
+    """A status line of a live run on stderr, if that is a terminal; what happens is printed in any case.
+
+    Gives a function to call with how it goes and what has happened since.
+    """
+    with _line("waiting for rows", [f"{title}; Ctrl-C stops"]) as tell:
+        yield lambda status, news: tell(live_words(status, estimator), news)
 
 
 def live_words(status: Status, estimator: str | None) -> str:
@@ -94,25 +111,8 @@ def record_line(
 
     Gives a function to call with how each device goes and what has happened since.
     """
-    from rich.console import Console
-    from rich.status import Status as Line
-
-    console = Console(stderr=True)
-    for said in (*devices, f"recording into {folder}; Ctrl-C stops"):
-        console.print(said, highlight=False, markup=False, soft_wrap=True)
-    line = Line("waiting for rows", console=console, spinner="line")
-    if console.is_terminal:
-        line.start()
-
-    def tell(status: Sequence[DeviceStatus], news: Sequence[str]) -> None:
-        for what in news:
-            console.print(f"- {what}", highlight=False, markup=False, soft_wrap=True)
-        line.update(_escaped(record_words(status)))
-
-    try:
-        yield tell
-    finally:
-        line.stop()
+    with _line("waiting for rows", [*devices, f"recording into {folder}; Ctrl-C stops"]) as tell:
+        yield lambda status, news: tell(record_words(status), news)
 
 
 def record_words(status: Sequence[DeviceStatus]) -> str:
@@ -141,10 +141,23 @@ def show_recorded(recording: Recording, folder: Path) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _escaped(text: str) -> str:
-    from rich.markup import escape
+@contextmanager
+def serve_line() -> Iterator[Callable[[Statistics, float, str], None]]:
+    """A status line of a served controller on stderr, if that is a terminal.
 
-    return escape(text)
+    Gives a function to call with the server's statistics, ticks a second, and what the controller does.
+    """
+    with _line("the controller ticks", []) as tell:
+        yield lambda statistics, rate, doing: tell(serve_words(statistics, rate, doing), [])
+
+
+def serve_words(statistics: Statistics, rate: float, doing: str) -> str:
+    """How a served controller goes: ticks, those that came late, packages that were left out, clients by port."""
+    said = [doing, f"{rate:.0f} ticks/s", f"behind {statistics.behind}"]
+    if statistics.packages_dropped or statistics.not_published:
+        said.append(f"packages left out {statistics.packages_dropped + statistics.not_published}")
+    clients = " ".join(f"{name} {count}" for name, count in statistics.clients.items() if count)
+    return ", ".join([*said, f"clients: {clients or 'none'}"])
 
 
 def show_run(report: dict[str, Any], folder: Path) -> None:

@@ -56,6 +56,7 @@ class Kept:
 
     name = "kept"
     address = None
+    connected = None
 
     def __init__(self) -> None:
         self.states: dict[float, State] = {}
@@ -187,6 +188,49 @@ io.disconnect(); robot.disconnect()
     assert found["bits"] == 1 << 3 | 1 << 5 | 1 << 17
     assert found["later"] == 1 << 5 | 1 << 17
     assert found["slider"] == pytest.approx(0.25)
+
+
+TALKATIVE = """
+sec talkative():
+  k = 0
+  while True:
+    textmsg("k ", k)
+    popup("mind the arm")
+    k = k + 1
+    sync()
+  end
+end
+"""
+
+
+@pytest.mark.parametrize("series", ["3.15.8", "5.25.1"])
+def test_programs_that_talk_disturb_nobody(client: Client, series: str) -> None:
+    controller = made(series)
+    with Server(controller, bind=HOST):
+        controller.post(lambda: controller.run_script(TALKATIVE))
+        found = client("""
+import rtde_control, rtde_io, rtde_receive
+robot = rtde_receive.RTDEReceiveInterface(HOST)
+io = rtde_io.RTDEIOInterface(HOST)
+control = rtde_control.RTDEControlInterface(HOST)
+goal = [0.0, -1.57, -1.4, -1.57, 1.57, 0.1]
+found["movej"] = [control.moveJ(goal, 3.0, 6.0), robot.getActualQ(), goal]
+io.setStandardDigitalOut(3, True)
+for _ in range(400):
+    if robot.getActualDigitalOutputBits() == 1 << 3:
+        break
+    time.sleep(0.005)
+found["bits"] = robot.getActualDigitalOutputBits()
+found["connected"] = [robot.isConnected(), control.isConnected()]
+control.stopScript()
+control.disconnect(); io.disconnect(); robot.disconnect()
+""")
+    assert controller.messages[-1].number > 100
+    done, there, asked = found["movej"]
+    assert done is True
+    np.testing.assert_allclose(there, asked, atol=2e-3)
+    assert found["bits"] == 1 << 3
+    assert found["connected"] == [True, True]
 
 
 CONTROL = """

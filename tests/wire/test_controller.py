@@ -54,6 +54,17 @@ def test_signals_are_those_of_rtde(controller: VirtualController) -> None:
     assert not [name for name in state.signals if name.startswith("truth")]
 
 
+@pytest.mark.parametrize(("written", "slider"), [(0.25, 0.25), (7.0, 1.0), (-np.inf, 0.0), (np.nan, 0.5)])
+def test_any_number_may_be_written_to_the_speed_slider(
+    controller: VirtualController, written: float, slider: float
+) -> None:
+    for fraction in (0.5, written):
+        controller.write_input("speed_slider_mask", 1)
+        controller.write_input("speed_slider_fraction", fraction)
+        state = controller.tick()
+    assert state.signals["target_speed_fraction"] == slider
+
+
 @pytest.mark.parametrize("name", ["3.x", "5.x"])
 def test_movej_reaches_its_goal_at_either_rate(name: str) -> None:
     controller = VirtualController(load_scenario("free_motion"), version(name), run=False)
@@ -283,6 +294,18 @@ def test_getters_agree(controller: VirtualController) -> None:
     textmsg(is_steady())
     """
     assert go(controller, script) == ["True", "True", "FalseTrue", "0", "0.008", "True[6, 6]", "True"]
+
+
+def test_outputs_by_the_names_of_the_first_series(controller: VirtualController) -> None:
+    said = go(
+        controller,
+        "set_digital_out(1, True)\nset_digital_out(9, True)\nset_analog_out(0, 0.5)\n"
+        "textmsg(get_digital_out(1), get_standard_digital_out(1))\n"
+        "textmsg(get_digital_out(8), get_tool_digital_out(1))\ntextmsg(get_digital_in(3))\nset_digital_out(10, True)",
+    )
+    assert said[:3] == ["TrueTrue", "FalseTrue", "False"]
+    assert "no tool output 2" in said[3]
+    assert controller.outputs == 2 + (1 << 17)
 
 
 def test_registers_both_ways(controller: VirtualController) -> None:

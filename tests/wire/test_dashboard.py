@@ -72,6 +72,7 @@ def test_the_banner_comes_first(dashboard: Dashboard) -> None:
         ("popup mind the arm", "showing popup"),
         ("close popup", "closing popup"),
         ("addToLog a word", "Added log message"),
+        ("saveLog", "Log saved to disk"),
         ("get operational mode", "NONE"),
         ("set operational mode manual", "Operational mode MANUAL is set"),
         ("set operational mode sideways", "Failed setting operational mode: sideways"),

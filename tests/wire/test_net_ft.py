@@ -74,14 +74,14 @@ def test_netft_of_pypi_reads_the_cell(serve: Callable[..., Any]) -> None:
     served.publish(ramp(0, 5))
     got = [client.receive() for _ in range(3)]
     np.testing.assert_array_equal(np.array(got) / 1e6, ramp(0, 3))
-    assert served.port.clients == 0
+    assert served.port.connected == 0
     client.startStreaming(handler=False)
     served.settle()
     served.publish(ramp(5, 2))
     np.testing.assert_array_equal(np.array([client.receive(), client.receive()]) / 1e6, ramp(5, 2))
     client.stopStreaming()
     served.settle()
-    assert served.port.clients == 0
+    assert served.port.connected == 0
     client.sock.close()
 
 
@@ -111,7 +111,7 @@ def test_our_client_reads_what_the_cell_reads(serve: Callable[..., Any]) -> None
     np.testing.assert_allclose(np.diff(stamps), 1 / RATE, atol=1.0 / rdt.INTERNAL_RATE)
     assert (source.lost, source.disordered, source.faulty) == (0, 0, 0)
     served.settle()
-    assert served.port.clients == 0
+    assert served.port.connected == 0
 
 
 def test_records_lost_on_the_way_and_disordered_ones_are_counted() -> None:
@@ -200,7 +200,7 @@ def test_datagrams_that_mean_no_good_are_not_answered(data: list[bytes]) -> None
     for k, datagram in enumerate(data):
         port.received(datagram, ("127.0.0.1", 1 + k))
     asked = sum((p := rdt.parse_request(d)) is not None and p[0] in (2, 3, 4) for d in data)
-    assert port.clients == min(asked, MOST_CLIENTS)
+    assert port.connected == min(asked, MOST_CLIENTS)
 
 
 def test_made_up_senders_do_not_crowd_out_and_do_not_grow(serve: Callable[..., Any]) -> None:
@@ -213,7 +213,7 @@ def test_made_up_senders_do_not_crowd_out_and_do_not_grow(serve: Callable[..., A
         for one in crowd:
             one.send(rdt.request(Command.REAL_TIME))
         served.settle()
-        assert served.port.clients == MOST_CLIENTS
+        assert served.port.connected == MOST_CLIENTS
         served.publish(ramp(0, 1))
         assert rdt.parse_records(client.recv(1000)) is not None
         for one in crowd:
@@ -225,9 +225,9 @@ def test_clients_that_vanish_are_forgotten(serve: Callable[..., Any]) -> None:
     for _ in range(50):
         with plain(served.port.address[:2]) as client:
             client.send(rdt.request(Command.REAL_TIME))
-            wait_for(lambda: served.port.clients == 1)
+            wait_for(lambda: served.port.connected == 1)
         # Once a record finds nobody there.
-        wait_for(lambda: served.publish(ramp(0, 1)) or served.port.clients == 0)
+        wait_for(lambda: served.publish(ramp(0, 1)) or served.port.connected == 0)
     assert served.port.refused == 0
 
 
@@ -301,5 +301,7 @@ def test_nobody_there_is_said(serve: Callable[..., Any], bench: Callable[..., An
         NetFTSource("127.0.0.1", 1, page=closed).start()
     with pytest.raises(WireError, match="no Net F/T"):
         NetFTSource("127.0.0.1", closed, page=served.port.page_address[1]).start()
-    with pytest.raises(WireError, match=r"cannot listen at 127\.0\.0\.1:\d+ \(net_ft, UDP\): Address already in use"):
-        bench(NetFTPort(number=served.port.address[1], http=None))
+    with pytest.raises(WireError, match=r"\(net_ft\) is in use.*--ports net_ft=0,net_ft_page=0"):
+        bench(NetFTPort(number=served.port.address[1], http=0))
+    with pytest.raises(WireError, match=r"\(net_ft_page\) is in use.*--ports net_ft_page=0"):
+        bench(NetFTPort(number=0, http=served.port.address[2]))

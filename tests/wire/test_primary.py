@@ -103,12 +103,13 @@ def test_the_configuration_is_the_arms() -> None:
     assert values[-2] == 1
 
 
-def test_messages_go_to_the_primary_interface_only(controller, serve: Serve) -> None:
+@pytest.mark.parametrize("suffix", ["", "_readonly"])
+def test_messages_go_to_the_primary_interface_only(controller, serve: Serve, suffix: str) -> None:
     controller.say("text", "before anybody listened")
     server = serve(controller)
     with (
-        socket.create_connection(server.addresses["primary"], timeout=5.0) as primary,
-        socket.create_connection(server.addresses["secondary"], timeout=5.0) as secondary,
+        socket.create_connection(server.addresses[f"primary{suffix}"], timeout=5.0) as primary,
+        socket.create_connection(server.addresses[f"secondary{suffix}"], timeout=5.0) as secondary,
     ):
         for client in (primary, secondary):
             assert [read(client)[0] for _ in range(2)] == [20, 16]
@@ -131,6 +132,15 @@ def test_scripts_come_in(controller, serve: Serve, port: str) -> None:
     with socket.create_connection(serve(controller).addresses[port], timeout=5.0) as client:
         client.sendall(b"def hello():\n  textmsg(1)\nend\n")
         eventually(lambda: controller.scripts == ["def hello():\n  textmsg(1)\nend\n"])
+
+
+@pytest.mark.parametrize("port", ["primary_readonly", "secondary_readonly"])
+def test_read_only_means_it(controller, serve: Serve, port: str) -> None:
+    with socket.create_connection(serve(controller).addresses[port], timeout=5.0) as client:
+        client.sendall(b"stopj(2)\n")
+        # Version, then states: more than a tenth of a second after the line.
+        assert [read(client)[0] for _ in range(4)] == [20, 16, 16, 16]
+    assert not controller.scripts
 
 
 def test_numbers_that_are_none_do_not_stop_it() -> None:

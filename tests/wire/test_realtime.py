@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
 
@@ -163,6 +164,28 @@ def test_scripts_reach_the_controller(controller, serve: Serve) -> None:
     assert controller.scripts == ["set_digital_out(0, True)\n", "stopj(2)\n", PROGRAM, "movej([0,0,0,0,0,0])\n"]
 
 
+def test_a_script_that_is_sent_and_left_without_reading_is_not_lost(controller, serve: Serve) -> None:
+    server = serve(controller)
+    held, go_on = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        held.set()
+        go_on.wait(10.0)
+
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        read(client, controller.version.realtime_size)
+        # While the ports stand still, packages to a client pile up that resets its connection meanwhile.
+        assert server._loop is not None
+        server._loop.call_soon_threadsafe(hold)
+        assert held.wait(5.0)
+        client.sendall(b"stopj(2)\nstopl(3)")
+    before = server.statistics.ticks
+    eventually(lambda: server.statistics.ticks > before + 2)
+    go_on.set()
+    eventually(lambda: len(controller.scripts) == 2)
+    assert controller.scripts == ["stopj(2)\n", "stopl(3)\n"]
+
+
 def test_read_only_means_it(controller, serve: Serve) -> None:
     server = serve(controller)
     with socket.create_connection(server.addresses["realtime_readonly"], timeout=5.0) as client:
@@ -193,6 +216,24 @@ def test_a_line_without_an_end_is_cut_off(controller, serve: Serve) -> None:
             pass
         eventually(lambda: server.statistics.clients_cut == 1)
     assert not controller.scripts
+
+
+def test_who_sends_more_scripts_than_can_be_taken_is_cut_off(controller, serve: Serve, monkeypatch) -> None:
+    server = serve(controller)
+
+    def busy(action: Callable[[], object]) -> object:
+        raise WireError("1000 requests wait already")
+
+    monkeypatch.setattr(controller, "post", busy)
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        client.sendall(b"stopj(2)\n" * 100)
+        eventually(lambda: server.statistics.clients_cut == 1)
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        client.sendall(b"stopj(2)")
+    eventually(lambda: not any(server.statistics.clients.values()))
+    with socket.create_connection(server.addresses["realtime"], timeout=5.0) as client:
+        assert read(client, controller.version.realtime_size)
+    assert server.statistics.clients_cut == 1
 
 
 @pytest.mark.parametrize(

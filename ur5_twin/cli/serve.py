@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +14,7 @@ from ur5_twin.cli.common import quiet_engine, stop_signals
 
 if TYPE_CHECKING:
     from ur5_twin.wire.server import Server
+    from ur5_twin.wire.state import State
 
 EXAMPLES = """[bold]Examples[/bold]
 
@@ -28,12 +31,16 @@ ur5-twin serve --ports rtde=31004,dashboard=0   [dim]# 0 takes a free port[/dim]
 _ALONE = "empty_cell"
 #: How often it is looked whether it is time to stop, s.
 _LOOK = 0.1
+#: How often a terminal is told how it goes, s.
+_TELL = 2.0
 #: What a client does at a port.
 _USES = {
     "dashboard": "power, brakes, play, stop; try: nc {host} {port}",
     "primary": "the state at 10 Hz, what programs say; URScript",
     "secondary": "the state at 10 Hz; URScript",
     "realtime": "a packet each tick; URScript",
+    "primary_readonly": "the state at 10 Hz, what programs say",
+    "secondary_readonly": "the state at 10 Hz",
     "realtime_readonly": "a packet each tick",
     "net_ft": "the force sensor (UDP), its page at {page}: ur5-twin record --ft {host}:{port},{page}",
     "mti": "the accelerometer: ur5-twin record --imu {path}",
@@ -104,13 +111,38 @@ def serve(
         with server:
             speed = "in real time" if realtime else "as fast as it goes"
             _show(server, f"{loaded.title}: a UR5 with software {software}, {1 / software.period:g} Hz, {speed}", bind)
-            begun = controller.state.timestamp
-            while not stop.is_set() and not server.wait(_LOOK):
-                if duration is not None and controller.state.timestamp - begun >= duration:
-                    break
+            _watch(server, stop, duration)
     _show_statistics(server)
     if server.failure is not None:
         raise SimulationError(server.failure)
+
+
+def _watch(server: Server, stop: threading.Event, duration: float | None) -> None:
+    """Wait for the end, and say on a terminal how it goes."""
+    from ur5_twin.terminal import serve_line
+
+    begun = server.controller.state.timestamp
+    told, ticks = time.monotonic(), server.statistics.ticks
+    with serve_line() as tell:
+        while not stop.is_set() and not server.wait(_LOOK):
+            state = server.controller.state
+            if duration is not None and state.timestamp - begun >= duration:
+                break
+            now = time.monotonic()
+            if now - told >= _TELL:
+                statistics = server.statistics
+                tell(statistics, (statistics.ticks - ticks) / (now - told), _doing(state))
+                told, ticks = now, statistics.ticks
+
+
+def _doing(state: State) -> str:
+    """Whether a program plays, and what the safety system says if it is not normal."""
+    from ur5_twin.wire.dashboard import SAFETY
+    from ur5_twin.wire.modes import RuntimeState, SafetyMode
+
+    runtime = RuntimeState(int(state.signals["runtime_state"])).name.lower()  # type: ignore[arg-type]
+    safety = int(state.signals["safety_mode"])  # type: ignore[arg-type]
+    return f"program {runtime}" if safety == SafetyMode.NORMAL else f"program {runtime}, {SAFETY[safety]}"
 
 
 def _numbers(text: str | None) -> dict[str, int]:
@@ -133,13 +165,13 @@ def _show(server: Server, title: str, bind: str) -> None:
     print(title)
     for name, address in server.addresses.items():
         if isinstance(address, str):
-            print(f"  {name:<17} {address}  {_USES[name].format(path=address)}")
+            print(f"  {name:<18} {address}  {_USES[name].format(path=address)}")
             continue
         host, number, *page = address
         use = _USES.get(name, "").format(host=host, port=number, page=page[0] if page else "")
         if name == "rtde" and number != NUMBERS["rtde"]:
             use = "whatever you choose; ur_rtde knows no port but 30004"
-        print(f"  {name:<17} {host}:{number:<5}  {use}")
+        print(f"  {name:<18} {host}:{number:<5}  {use}")
     if not _is_loopback(bind):
         print(
             f"warning: whoever reaches {bind} can run programs on this simulated robot; nothing asks for a password",

@@ -27,6 +27,7 @@ from ur5_twin.twin.telemetry import Telemetry
 from ur5_twin.wire import modes
 from ur5_twin.wire.builtins import robot_functions
 from ur5_twin.wire.builtins.sockets import Sockets
+from ur5_twin.wire.messages import Message
 from ur5_twin.wire.modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from ur5_twin.wire.motion import Motion
 from ur5_twin.wire.registers import Registers
@@ -49,23 +50,6 @@ _PRIVATE = ("truth_", "time", "safety_mode")
 _DOGS = 50
 #: Digital outputs: eight standard, eight configurable, two of the tool.
 _OUTPUTS = {"standard": 0, "configurable": 8, "tool": 16}
-
-
-@dataclass(frozen=True)
-class Message:
-    """Something that the controller shows.
-
-    Attributes:
-        kind: ``text``, ``popup`` or ``error``.
-        text: what.
-        timestamp: the controller's clock, s.
-        number: counts all messages.
-    """
-
-    kind: str
-    text: str
-    timestamp: float
-    number: int
 
 
 @dataclass
@@ -447,8 +431,10 @@ class VirtualController:
             self._watchdogs.append(_Watchdog(name, ticks, action.lower(), self.ticks))
 
     def _heed_inputs(self) -> None:
-        if self._inputs.pop("speed_slider_mask", 0) and "speed_slider_fraction" in self._inputs:
-            self.motion.slider = float(np.clip(self._inputs["speed_slider_fraction"], 0.0, 1.0))
+        fraction = self._inputs.get("speed_slider_fraction", np.nan)
+        # What is no number leaves the slider where it is: no motion could go on with it.
+        if self._inputs.pop("speed_slider_mask", 0) and not np.isnan(fraction):
+            self.motion.slider = float(np.clip(fraction, 0.0, 1.0))
         for which, first in _OUTPUTS.items():
             mask = int(self._inputs.pop(f"{which}_digital_output_mask", 0))  # type: ignore[arg-type]
             bits = int(self._inputs.get(f"{which}_digital_output", 0))  # type: ignore[arg-type]

@@ -38,6 +38,8 @@ class MTiPort:
     """
 
     name = "mti"
+    #: Who has a terminal open cannot be told.
+    connected = None
 
     def __init__(self, rate: float = 100.0) -> None:
         period = round(xbus.TICKS / rate) if rate > 0.0 else 0

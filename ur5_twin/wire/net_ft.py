@@ -14,6 +14,7 @@ from ur5_twin.errors import WireError
 from ur5_twin.wire import rdt
 from ur5_twin.wire.rdt import Calibration, Command
 from ur5_twin.wire.state import State
+from ur5_twin.wire.streams import refusal
 
 #: Clients at a time. A datagram names its sender itself, so more than these could be made up at no cost.
 MOST_CLIENTS = 8
@@ -114,7 +115,7 @@ class NetFTPort:
         return None if self._http is None else (self._bind, self._http)
 
     @property
-    def clients(self) -> int:
+    def connected(self) -> int:
         """How many are sent records."""
         return len(self._clients)
 
@@ -134,7 +135,7 @@ class NetFTPort:
             self._transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self), sock=self._socket)
         except (OSError, OverflowError) as error:
             self._socket.close()
-            raise WireError(_refusal(f"{self._bind}:{self._number} (net_ft, UDP)", error)) from None
+            raise WireError(refusal(self.name, self._bind, self._number, error, more=",net_ft_page=0")) from None
         self._number = self._transport.get_extra_info("sockname")[1]
         if self._http is None:
             return
@@ -143,7 +144,7 @@ class NetFTPort:
         except (OSError, OverflowError) as error:
             self._transport.close()
             self._transport = None
-            raise WireError(_refusal(f"{self._bind}:{self._http} (net_ft's page, TCP)", error)) from None
+            raise WireError(refusal("net_ft_page", self._bind, self._http, error)) from None
         self._http = self._server.sockets[0].getsockname()[1]
 
     def publish(self, state: State) -> None:
@@ -284,8 +285,3 @@ class NetFTPort:
         span = self._last - self._first
         rate = self._calibration.rate if span <= 0.0 else round((self._count - 1) / span, 3)
         return replace(self._calibration, rate=rate)
-
-
-def _refusal(where: str, error: Exception) -> str:
-    why = getattr(error, "strerror", None) or error
-    return f"cannot listen at {where}: {why}; choose another port (0 takes a free one)"

@@ -1,4 +1,4 @@
-"""Ports 30001 and 30002: the robot's state ten times a second, what programs say, and scripts in."""
+"""Ports 30001 and 30002 (30011 and 30012 read only): the state ten times a second, what programs say, scripts in."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from ur5_twin.arm.parameters import load_model
 from ur5_twin.wire import primary_packages as packages
+from ur5_twin.wire.messages import Message, News
 from ur5_twin.wire.realtime import ScriptClient
 from ur5_twin.wire.state import State
 from ur5_twin.wire.streams import TcpPort
 
 if TYPE_CHECKING:
-    from ur5_twin.wire.controller import Message, VirtualController
+    from ur5_twin.wire.controller import VirtualController
 
 #: States a second.
 _RATE = 10.0
@@ -37,6 +38,7 @@ class PrimaryPort(TcpPort[PrimaryClient]):
         bind: address to listen at.
         number: TCP port.
         secondary: it tells the robot's state but not what programs say.
+        read_only: whether what clients send is thrown away.
     """
 
     def __init__(
@@ -46,15 +48,16 @@ class PrimaryPort(TcpPort[PrimaryClient]):
         number: int = 30001,
         *,
         secondary: bool = False,
+        read_only: bool = False,
     ) -> None:
         super().__init__(controller, bind, number)
-        self.name = "secondary" if secondary else "primary"
-        self._secondary = secondary
+        self.name = ("secondary" if secondary else "primary") + ("_readonly" if read_only else "")
+        self._read_only = read_only
         self._arm = load_model("controller")
-        self._told = _newest(controller)
+        self._news = None if secondary else News(controller)
 
     def new_client(self) -> PrimaryClient:
-        return PrimaryClient(self, takes_scripts=True)
+        return PrimaryClient(self, takes_scripts=not self._read_only)
 
     def package(self, state: State) -> bytes:
         """The package of a tick."""
@@ -62,26 +65,16 @@ class PrimaryPort(TcpPort[PrimaryClient]):
 
     def publish(self, state: State) -> None:
         super().publish(state)
-        if not self._secondary:
-            self._tell()
+        for message in [] if self._news is None else self._news.fresh():
+            said = self._message(message)
+            for client in list(self.clients):
+                client.send_package(said)
         beat = _RATE * self.controller.version.period
         if not self.clients or math.floor(state.tick * beat + 1e-9) == math.floor((state.tick - 1) * beat + 1e-9):
             return
         package = self.package(state)
         for client in list(self.clients):
             client.send_package(package)
-
-    def _tell(self) -> None:
-        """Forward what programs have said since the last tick."""
-        newest = _newest(self.controller)
-        if newest == self._told:
-            return
-        # A copy: the tick thread goes on writing.
-        fresh = [message for message in list(self.controller.messages) if message.number > self._told]
-        self._told = newest
-        for client in list(self.clients):
-            for message in fresh:
-                client.send_package(self._message(message))
 
     def _message(self, message: Message) -> bytes:
         match message.kind:
@@ -91,11 +84,3 @@ class PrimaryPort(TcpPort[PrimaryClient]):
             case "error":
                 return packages.exception_message(message.text, message.timestamp)
         return packages.text_message(message.text, message.timestamp)
-
-
-def _newest(controller: VirtualController) -> int:
-    """The number of the newest message; -1 before the first."""
-    try:
-        return controller.messages[-1].number
-    except IndexError:
-        return -1

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import TYPE_CHECKING
 
 from ur5_twin.wire import realtime_layout
 from ur5_twin.wire.scripts import ScriptReader, upload
 from ur5_twin.wire.state import State
-from ur5_twin.wire.streams import Client, TcpPort
+from ur5_twin.wire.streams import Client, CutOff, TcpPort
 
 if TYPE_CHECKING:
     from ur5_twin.wire.controller import VirtualController
@@ -38,7 +39,9 @@ class ScriptClient(Client):
     def ended(self, *, by_client: bool) -> None:
         rest = self._scripts.rest() if self._scripts is not None and by_client else None
         if rest is not None:
-            upload(self.port.controller, rest)
+            # Nobody is left to be cut off.
+            with contextlib.suppress(CutOff):
+                upload(self.port.controller, rest)
 
 
 class RealtimeClient(ScriptClient):

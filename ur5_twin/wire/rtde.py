@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ur5_twin.errors import WireError
+from ur5_twin.wire.messages import Message, News
 from ur5_twin.wire.rtde_signals import Type, input_type, output_type
 from ur5_twin.wire.state import State, Value
 from ur5_twin.wire.streams import Client, CutOff, TcpPort
@@ -31,7 +32,13 @@ _MOST_RECIPES = 255
 #: Packages of input that wait for the tick; when more come the oldest go, as a controller reads only the newest.
 _MOST_WAITING = 256
 #: Levels of text messages.
-_ERROR, _WARNING = 1, 2
+_ERROR, _WARNING, _INFO = 1, 2, 3
+#: The level of each kind of the controller's messages.
+_LEVELS = {"text": _INFO, "popup": _WARNING, "error": _ERROR}
+#: Who a text message comes from: this interface, the controller.
+_HERE, _CONTROLLER = b"RTDE", b"URControl"
+#: Bytes of a text: its length is one byte.
+_LONGEST_TEXT = 255
 
 
 class OutputRecipe:
@@ -154,7 +161,7 @@ class RtdeClient(Client):
                 raise CutOff(f"a package of {size} bytes: its header alone has {_HEADER.size}")
             if len(self._buffer) - place < size:
                 break
-            self._package(chr(kind), bytes(self._buffer[place + _HEADER.size : place + size]))
+            self._handle(chr(kind), bytes(self._buffer[place + _HEADER.size : place + size]))
             place += size
         # What is left is part of one package: below 64 kB.
         del self._buffer[:place]
@@ -170,18 +177,31 @@ class RtdeClient(Client):
                     self.send_package(recipe.package(state.signals))
 
     def text(self, message: str, level: int) -> None:
-        """Tell the client something for its log."""
-        words = message.encode("utf-8", "replace")[:255]
+        """Tell the client what is wrong with what it sent."""
+        self.reply(self._text(message, level, _HERE))
+
+    def tell(self, message: Message) -> None:
+        """Forward what the controller says, if the client listens and has taken all that came before.
+
+        While it sets up its recipes a client expects answers and nothing else. Some only write and never read: for
+        them a text must not wait, or they would be taken for stuck.
+        """
+        if self._started and not self.unsent:
+            self.send_package(self._text(message.text, _LEVELS.get(message.kind, _INFO), _CONTROLLER))
+
+    def _text(self, message: str, level: int, source: bytes) -> bytes:
+        # Cut between two characters.
+        words = message.encode("utf-8", "replace")[:_LONGEST_TEXT].decode("utf-8", "ignore").encode()
         if self._protocol == 1:
-            self._answer("M", bytes([level]) + words)
+            payload = bytes([level]) + words
         else:
-            source = b"RTDE"
-            self._answer("M", bytes([len(words)]) + words + bytes([len(source)]) + source + bytes([level]))
+            payload = bytes([len(words)]) + words + bytes([len(source)]) + source + bytes([level])
+        return _package("M", payload)
 
     def _answer(self, kind: str, payload: bytes) -> None:
-        self.reply(_HEADER.pack(_HEADER.size + len(payload), ord(kind)) + payload)
+        self.reply(_package(kind, payload))
 
-    def _package(self, kind: str, payload: bytes) -> None:
+    def _handle(self, kind: str, payload: bytes) -> None:
         match kind:
             case "V":
                 wanted = struct.unpack(">H", payload[:2])[0] if len(payload) >= 2 else 0
@@ -242,7 +262,7 @@ class RtdeClient(Client):
 
     def _set_inputs(self, payload: bytes) -> None:
         asked = _names(payload)
-        types = [input_type(name) for name in asked]
+        types = [input_type(name, self.port.controller.version) for name in asked]
         fields = [(name, type) for name, type in zip(asked, types, strict=True) if type is not None]
         words = [
             "NOT_FOUND" if type is None else "IN_USE" if self.port.taken(name, self) else type.name
@@ -311,14 +331,18 @@ class RtdePort(TcpPort[RtdeClient]):
     def __init__(self, controller: VirtualController, bind: str = "127.0.0.1", number: int = 30004) -> None:
         super().__init__(controller, bind, number)
         self._owners: dict[str, RtdeClient] = {}
+        self._news = News(controller)
 
     def new_client(self) -> RtdeClient:
         return RtdeClient(self)
 
     def publish(self, state: State) -> None:
         super().publish(state)
+        fresh = self._news.fresh()
         for client in list(self.clients):
             client.publish(state)
+            for message in fresh:
+                client.tell(message)
 
     def taken(self, name: str, client: RtdeClient) -> bool:
         """Whether an input belongs to another client."""
@@ -331,6 +355,10 @@ class RtdePort(TcpPort[RtdeClient]):
     def release(self, client: RtdeClient) -> None:
         """Take a client's inputs back."""
         self._owners = {name: owner for name, owner in self._owners.items() if owner is not client}
+
+
+def _package(kind: str, payload: bytes) -> bytes:
+    return _HEADER.pack(_HEADER.size + len(payload), ord(kind)) + payload
 
 
 def _names(data: bytes) -> list[str]:

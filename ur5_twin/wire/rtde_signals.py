@@ -1,6 +1,7 @@
-"""RTDE's variables: their types, by name, and since which version of the controller there are some of them.
+"""RTDE's variables: their types, by name, and since which version of the controller they exist.
 
-Source: Universal Robots' RTDE guide and the open client library's table of types.
+Source: Universal Robots' RTDE guide, whose tables say since when there is a variable, and the open client library's
+table of types. ``tool_digital_output`` and its mask are in the library alone, so since when is not known.
 """
 
 from __future__ import annotations
@@ -110,13 +111,31 @@ INPUTS: dict[str, Type] = {
     **_registers("input"),
 }
 
+_Since = tuple[tuple[int, int] | None, tuple[int, int] | None]
+#: When the upper half of the registers came, and when the lower half of those that are no bits.
+_UPPER: _Since = ((3, 9), (5, 3))
+_LOWER: _Since = ((3, 4), (5, 0))
+
+
+def _registers_since() -> dict[str, _Since]:
+    found: dict[str, _Since] = {}
+    for way in ("input", "output"):
+        found |= {f"{way}_bit_register_{i}": _UPPER for i in range(64, 128)}
+        found |= {f"{way}_{kind}_register_{i}": _LOWER for kind in ("int", "double") for i in range(24)}
+        found |= {f"{way}_{kind}_register_{i}": _UPPER for kind in ("int", "double") for i in range(24, 48)}
+    return found
+
+
 #: The first version with a variable, for those that came later and whose version is known: (CB3's, the e-Series').
-#: None: that series has not got it.
-_SINCE: dict[str, tuple[tuple[int, int] | None, tuple[int, int] | None]] = {
+#: None: that series has not got it. Where a variable is both written and published, it came at once as both.
+_SINCE: dict[str, _Since] = {
+    **_registers_since(),
+    "elbow_position": ((3, 5), (5, 0)),
+    "elbow_velocity": ((3, 5), (5, 0)),
     "safety_status": ((3, 10), (5, 4)),
     "payload": ((3, 11), (5, 5)),
     "payload_cog": ((3, 11), (5, 5)),
-    "payload_inertia": ((3, 15), (5, 10)),
+    "payload_inertia": ((3, 15), (5, 11)),
     "script_control_line": ((3, 14), (5, 9)),
     "ft_raw_wrench": (None, (5, 9)),
     "joint_position_deviation_ratio": (None, (5, 15)),
@@ -131,14 +150,16 @@ _SINCE: dict[str, tuple[tuple[int, int] | None, tuple[int, int] | None]] = {
 
 def output_type(name: str, version: Version) -> Type | None:
     """The type of a published variable; None if that version has no such."""
-    found = OUTPUTS.get(name)
-    if found is not None and name in _SINCE:
-        since = _SINCE[name][version.major >= 5]
-        if since is None or (version.major, version.minor) < since:
-            return None
-    return found
+    return OUTPUTS.get(name) if _has(name, version) else None
 
 
-def input_type(name: str) -> Type | None:
-    """The type of a variable that clients write; None if there is no such."""
-    return INPUTS.get(name)
+def input_type(name: str, version: Version) -> Type | None:
+    """The type of a variable that clients write; None if that version has no such."""
+    return INPUTS.get(name) if _has(name, version) else None
+
+
+def _has(name: str, version: Version) -> bool:
+    if name not in _SINCE:
+        return True
+    since = _SINCE[name][version.major >= 5]
+    return since is not None and (version.major, version.minor) >= since

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,6 @@ from ur5_twin.wire.streams import CutOff, Lines
 
 if TYPE_CHECKING:
     from ur5_twin.wire.controller import VirtualController
-
-log = logging.getLogger(__name__)
 
 #: Bytes of the longest line and of the longest program.
 _LONGEST_LINE = 64 * 1024
@@ -77,8 +74,12 @@ class ScriptReader:
 
 
 def upload(controller: VirtualController, script: str) -> None:
-    """Have the controller run a script at its next tick; what is wrong with it goes to its messages."""
+    """Have the controller run a script at its next tick; what is wrong with it goes to its messages.
+
+    Raises:
+        CutOff: the controller has too much to do already. A client that sends on would lose script after script.
+    """
     try:
         controller.post(lambda: controller.run_script(script))
     except WireError as error:
-        log.warning("a script is lost: %s", error)
+        raise CutOff(f"a script is lost: {error}") from error

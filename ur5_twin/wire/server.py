@@ -47,6 +47,8 @@ NUMBERS = {
     "secondary": 30002,
     "realtime": 30003,
     "rtde": 30004,
+    "primary_readonly": 30011,
+    "secondary_readonly": 30012,
     "realtime_readonly": 30013,
 }
 
@@ -63,6 +65,7 @@ class Statistics:
         busy: share of a period that a tick takes.
         packages_dropped: packages that slow readers missed.
         clients_cut: clients that were disconnected.
+        clients: port's name -> how many clients it has now; ports that cannot know are left out.
     """
 
     ticks: int
@@ -72,6 +75,7 @@ class Statistics:
     busy: float
     packages_dropped: int
     clients_cut: int
+    clients: dict[str, int]
 
 
 class Server:
@@ -139,6 +143,7 @@ class Server:
             busy=self._busy / max(self._ticks, 1) / self.controller.version.period,
             packages_dropped=sum(port.packages_dropped for port in tcp),
             clients_cut=sum(port.clients_cut for port in tcp),
+            clients={port.name: found for port in self._ports if (found := port.connected) is not None},
         )
 
     def start(self) -> None:
@@ -324,14 +329,15 @@ def port_names(version: Version) -> list[str]:
 
 
 def _port(controller: VirtualController, name: str, bind: str, number: int, late: bool) -> Port:
-    match name:
+    kind, _, suffix = name.partition("_")
+    only = suffix == "readonly"
+    match kind:
         case "dashboard":
             return DashboardPort(controller, bind, number)
         case "primary" | "secondary":
-            return PrimaryPort(controller, bind, number, secondary=name == "secondary")
+            return PrimaryPort(controller, bind, number, secondary=kind == "secondary", read_only=only)
         case "rtde":
             return RtdePort(controller, bind, number)
-        case "realtime" | "realtime_readonly":
-            only = name == "realtime_readonly"
+        case "realtime":
             return RealtimePort(controller, bind, number, read_only=only, late_packages=late)
     raise AssertionError(name)

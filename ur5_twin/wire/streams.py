@@ -8,8 +8,10 @@ what a client costs is bounded, and nobody waits for it.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
+import os
 import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -52,6 +54,11 @@ class Port(Protocol):
     @property
     def address(self) -> Any:
         """Where it listens, once started."""
+        ...
+
+    @property
+    def connected(self) -> int | None:
+        """How many clients it has; None if it cannot know."""
         ...
 
     async def start(self) -> None:
@@ -110,6 +117,11 @@ class Client(asyncio.Protocol):
     @property
     def connected(self) -> bool:
         return self._transport is not None and not self._transport.is_closing()
+
+    @property
+    def unsent(self) -> int:
+        """Bytes that wait for the client in this process; those that the kernel keeps for it do not count."""
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
 
     def send_package(self, package: bytes) -> bool:
         """Send one of a stream of packages, or drop it if the client is behind.
@@ -193,10 +205,27 @@ class Client(asyncio.Protocol):
             self._stuck = None
         if self._transport is None:
             return
+        if not self._dropped_by_us and isinstance(exc, ConnectionError):
+            self._take_the_rest()
         self._transport = None
         self.port.forget(self)
         # Who closes without having read all resets the connection; that is no less an end.
         self.ended(by_client=not self._dropped_by_us)
+
+    def _take_the_rest(self) -> None:
+        """Read what came in before the client reset the connection: a package that was sent to it in between fails
+        first, and the loop then reads no more. Who sends a program and closes at once would lose it."""
+        assert self._transport is not None
+        made = self._transport.get_extra_info("socket")
+        rest = bytearray()
+        # The loop's own handle of a socket cannot be read from; it still is open here.
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(made.fileno())) as same:
+            same.setblocking(False)
+            while data := same.recv(_KERNEL_BUFFER):
+                rest += data
+        # Nobody is left to be cut off.
+        with contextlib.suppress(CutOff):
+            self.received(bytes(rest))
 
     def pause_writing(self) -> None:
         self._full = True
@@ -215,7 +244,7 @@ class Client(asyncio.Protocol):
         """Look again in a while whether the client has taken anything."""
         if not self.cut_when_stuck or self._transport is None:
             return
-        left = self._transport.get_write_buffer_size()
+        left = self.unsent
         if self._stuck is not None and left >= self._unsent:
             self._stuck = None
             self.cut(f"it read nothing for {_PATIENCE:g} s")
@@ -255,6 +284,11 @@ class TcpPort(Generic[C]):
         """(host, port) that it listens at."""
         return self._bind, self._number
 
+    @property
+    def connected(self) -> int:
+        """How many clients there are."""
+        return len(self.clients)
+
     def new_client(self) -> C:
         """A client that is about to connect."""
         raise NotImplementedError
@@ -269,22 +303,8 @@ class TcpPort(Generic[C]):
         try:
             self._server = await loop.create_server(self.new_client, self._bind, self._number)
         except (OSError, OverflowError) as error:
-            raise WireError(self._refusal(error)) from error
+            raise WireError(refusal(self.name, self._bind, self._number, error)) from error
         self._number = self._server.sockets[0].getsockname()[1]
-
-    def _refusal(self, error: Exception) -> str:
-        where = f"{self._bind}:{self._number}"
-        number = error.errno if isinstance(error, OSError) else None
-        if number == errno.EADDRINUSE:
-            return (
-                f"{where} ({self.name}) is in use: another controller, or a program that holds it; stop it, or choose "
-                f"another with --ports {self.name}=NUMBER (0 takes a free one)"
-            )
-        if number == errno.EACCES:
-            return f"{where} ({self.name}) needs privileges: choose another with --ports {self.name}=NUMBER above 1023"
-        if number == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
-            return f"'{self._bind}' is no address of this machine: bind to 127.0.0.1, 0.0.0.0 or one that it has"
-        return f"cannot listen at {where} ({self.name}): {error}"
 
     def publish(self, state: State) -> None:
         """Send what is due at a tick."""
@@ -329,6 +349,30 @@ class TcpPort(Generic[C]):
         if not asked.done():
             raise WireError(f"the controller has not ticked for {_ANSWER:g} s")
         return asked.result()
+
+
+def refusal(name: str, bind: str, number: int, error: Exception, *, more: str = "") -> str:
+    """Why a port cannot be had, and what to do.
+
+    Args:
+        name: the port's, as ``--ports`` has it.
+        bind: address.
+        number: port.
+        error: what the system says.
+        more: further ports that another controller then holds too, as ``--ports`` would have them.
+    """
+    where = f"{bind}:{number}"
+    code = error.errno if isinstance(error, OSError) else None
+    if code == errno.EADDRINUSE:
+        return (
+            f"{where} ({name}) is in use: another controller, or a program that holds it; stop it, or take a free one "
+            f"with --ports {name}=0{more}"
+        )
+    if code == errno.EACCES:
+        return f"{where} ({name}) needs privileges: choose another with --ports {name}=NUMBER above 1023"
+    if code == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return f"'{bind}' is no address of this machine: bind to 127.0.0.1, 0.0.0.0 or one that it has"
+    return f"cannot listen at {where} ({name}): {error}"
 
 
 class Lines:

@@ -122,6 +122,23 @@ class Exchange:
     def set_standard_analog_out(self, n: Any, f: Any) -> None:
         """Nothing is connected."""
 
+    # Names of the first series, which scripts still use
+
+    def set_digital_out(self, n: Any, b: Any) -> None:
+        """Standard outputs 0 to 7, the tool's as 8 and 9."""
+        self._set(*self._old(n), b)
+
+    def get_digital_out(self, n: Any) -> bool:
+        """As numbered by ``set_digital_out``."""
+        return self._get(*self._old(n))
+
+    def get_digital_in(self, n: Any) -> bool:
+        """Nothing is connected."""
+        return False
+
+    def set_analog_out(self, n: Any, f: Any) -> None:
+        """Nothing is connected."""
+
     def set_tool_voltage(self, voltage: Any) -> None:
         """Nothing is connected."""
 
@@ -144,6 +161,10 @@ class Exchange:
         if k != int(k) or not 0 <= k < size:
             raise ScriptError(f"there is no {which} output {shown(n)}; they are 0 to {size - 1}")
         return 1 << first + int(k)
+
+    def _old(self, n: Any) -> tuple[str, float]:
+        k = number("the output's number", n)
+        return ("tool", k - 8) if k >= 8 else ("standard", k)
 
     def _set(self, which: str, n: Any, b: Any) -> None:
         bit = self._bit(which, n)
