@@ -49,15 +49,18 @@ class Moving:
         ahead, stiff = number("servoj: lookahead_time", lookahead_time), number("servoj: gain", gain)
         yield from self._for(lambda: self._motion.servoj(goal, ahead, stiff), number("servoj: t", t))
 
-    def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0, aRot: Any = 0) -> Waiting:
-        """Turn the joints at speeds, for ``t`` s or until they have them; they keep them until the next motion."""
-        speeds, rate = numbers("speedj: qd", qd), number("speedj: a", a)
-        yield from self._for(lambda: self._motion.speedj(speeds, rate), number("speedj: t", t))
+    def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0, aRot: Any = 0, t_min: Any = 0) -> Waiting:
+        """Turn the joints at speeds, for ``t`` s or until they have them; they keep them until the next motion.
 
-    def speedl(self, xd: Any, a: Any = 1.2, t: Any = 0, aRot: Any = 0) -> Waiting:
+        ``t_min`` is what the first controllers called ``t``.
+        """
+        speeds, rate = numbers("speedj: qd", qd), number("speedj: a", a)
+        yield from self._for(lambda: self._motion.speedj(speeds, rate), number("speedj: t", t or t_min))
+
+    def speedl(self, xd: Any, a: Any = 1.2, t: Any = 0, aRot: Any = 0, t_min: Any = 0) -> Waiting:
         """Move the tool at a speed in base axes, likewise."""
         speeds, rate, point = numbers("speedl: xd", xd), number("speedl: a", a), self._controller.tcp_offset[:3]
-        yield from self._for(lambda: self._motion.speedl(speeds, rate, point), number("speedl: t", t))
+        yield from self._for(lambda: self._motion.speedl(speeds, rate, point), number("speedl: t", t or t_min))
 
     def stopj(self, a: Any = 2) -> Waiting:
         """Come to rest, ``a`` in rad/s^2."""
