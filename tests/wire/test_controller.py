@@ -196,6 +196,55 @@ def test_what_cannot_blend_comes_to_its_goal(controller: VirtualController, scri
     np.testing.assert_allclose(corner, [0.0, 0.0 if "p1, 1.2" in script else 0.12, 0.0], atol=1e-6)
 
 
+def test_movec_passes_its_point_on_a_circle(controller: VirtualController) -> None:
+    X_FT = spatial.pose(np.eye(3), [0.0, 0.0, 0.1])
+    X_start = kinematics.forward(controller.model, controller.motion.target[0]) @ X_FT
+    rows = rows_of(
+        controller,
+        "set_tcp(p[0, 0, 0.1, 0, 0, 0])\np1 = get_target_tcp_pose()\n"
+        # Half a circle of 60 mm around a point beside the tool; the one between may be given by joints.
+        "via = get_inverse_kin(pose_add(p1, p[0, 0.06, 0.06, 0, 0, 0]))\n"
+        "movec(via, pose_add(p1, p[0, 0.12, 0, 0, 0, 0.4]), 1, 0.2)",
+    )
+    continuous(rows, CB3.period)
+    X = kinematics.forward(controller.model, rows[:, 0]) @ X_FT
+    from_center = X[:, :3, 3] - X_start[:3, 3] - [0.0, 0.06, 0.0]
+    np.testing.assert_allclose(np.linalg.norm(from_center, axis=1), 0.06, atol=1e-6)
+    np.testing.assert_allclose(from_center[-1], [0.0, 0.06, 0.0], atol=1e-6)
+    assert from_center[:, 2].max() == pytest.approx(0.06, abs=1e-5)
+    turned = spatial.vector_from_rotation(X_start[:3, :3].T @ X[-1, :3, :3])
+    np.testing.assert_allclose(turned, [0.0, 0.0, 0.4], atol=1e-6)
+
+
+def test_a_circle_goes_on_where_a_line_meets_its_tangent(controller: VirtualController) -> None:
+    rows = rows_of(
+        controller,
+        # A quarter of a level circle of 100 mm, the tool turning with it.
+        """
+        p1 = get_target_tcp_pose()
+        turned = pose_trans(p[0, 0, 0, 0, 0, d2r(90)], p1)
+        p2 = p[p1[0] - 0.2, p1[1] + 0.2, p1[2], turned[3], turned[4], turned[5]]
+        movel(pose_add(p1, p[0, 0.1, 0, 0, 0, 0]), 1.2, 0.1, 0, 0.03)
+        via = pose_add(p1, p[-0.0292893, 0.1707107, 0, 0, 0, 0])
+        movec(via, pose_add(p1, p[-0.1, 0.2, 0, 0, 0, 0]), 1.2, 0.1, 0.03, 1)
+        movel(p2, 1.2, 0.1)
+        """,
+    )
+    continuous(rows, CB3.period)
+    X = kinematics.forward(controller.model, rows[:, 0])
+    speed = np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1) / CB3.period
+    # A blend cuts the corner: it is that little slower.
+    assert speed[30:-30].min() > 0.095
+    assert speed.max() < 0.1001
+    turned = spatial.vector_from_rotation(X[:, :3, :3] @ X[0, :3, :3].T)
+    np.testing.assert_allclose(turned[-1], [0.0, 0.0, np.pi / 2], atol=1e-6)
+    from_center = X[:, :2, 3] - X[0, :2, 3] - [-0.1, 0.1]
+    on_circle = (turned[:, 2] > 0.4) & (turned[:, 2] < 1.17)
+    np.testing.assert_allclose(np.linalg.norm(from_center[on_circle], axis=1), 0.1, atol=1e-6)
+    heading = np.arctan2(*from_center[on_circle].T[::-1])
+    np.testing.assert_allclose(heading, turned[on_circle, 2], atol=1e-5)
+
+
 def test_a_move_out_of_reach_ends_a_program_though_it_would_blend(controller: VirtualController) -> None:
     text = CORNER.replace("FIRST", LINES[0]).replace("SECOND", "movel(p[3, 0, 0, 0, 0, 0])").replace("RADIUS", "0.04")
     rows = rows_of(controller, text)
@@ -261,6 +310,9 @@ def test_a_killed_motion_brakes_and_another_thread_may_not_interfere(controller:
         ("movej([9, 0, 0, 0, 0, 0])", "shoulder_pan"),
         ("movel(p[3, 0, 0, 0, 0, 0])", "reach"),
         ("movej([1, 2])", "list of 6 numbers"),
+        ("p1 = get_target_tcp_pose()\nmovec(p1, pose_add(p1, p[0, 0.1, 0, 0, 0, 0]))", "on one line or one point"),
+        ("p1 = get_target_tcp_pose()\nmovec(p1, p1, 1.2, 0.25, 0, 2)", "mode is 2"),
+        ("movec(p[0.4, 0.4, 0.4, 0, 0, 0], p[3, 0, 0, 0, 0, 0])", "reach"),
         ("movej()", "missing"),
         ("servoj([0, 0, 0, 0, 0, 0], gain=5)", "gain is 5"),
         ("direct_torque([0, 0, 0, 0, 0, 0])", "direct_torque is not simulated"),

@@ -21,8 +21,9 @@ from ur5_twin.arm.inverse_kinematics import nearest
 from ur5_twin.arm.kinematics import acceleration as flange_acceleration
 from ur5_twin.arm.kinematics import forward
 from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.control.arc import Arc, arc
 from ur5_twin.control.cartesian import Line, check_line, flange_motion, interpolate, joint_rows, line, track
-from ur5_twin.control.commands import Move, MoveJ, Pose
+from ur5_twin.control.commands import Move, MoveC, MoveJ, Pose
 from ur5_twin.control.limits import check_position, check_rates, check_rows
 from ur5_twin.control.profile import Trapezoid, ticks
 from ur5_twin.control.trajectory import require_positive, still
@@ -62,7 +63,7 @@ class JointLine:
 class Leg:
     """A way with the speed ``v`` and the acceleration ``a`` along it, in units of its path coordinate."""
 
-    way: JointLine | Line
+    way: JointLine | Line | Arc
     v: float
     a: float
 
@@ -125,7 +126,7 @@ class Corner:
 def leg(
     model: ArmModel,
     q_start: np.ndarray,
-    move: Move,
+    move: Move | MoveC,
     period: float,
     name: str,
     X_FT: np.ndarray | None = None,
@@ -149,6 +150,10 @@ def leg(
         v, a = _rates(move, length)
         check_rates(model.limits, way.direction, v, a, name)
         return Leg(way, v, a)
+    if isinstance(move, MoveC):
+        via = np.array(move.via.vector[:3])
+        goal, step = move.goal.matrix(), move.v * period
+        return Leg(arc(model, q_start, via, goal, step, X_FT, turns_with=move.turns_with, name=name), move.v, move.a)
     X_goal = move.goal.matrix() if isinstance(move.goal, Pose) else forward(model, np.array(move.goal)) @ X_FT
     way = line(model, q_start, X_goal, move.v * period, name, X_FT)
     return None if way is None else Leg(way, *_rates(move, way.length))
@@ -210,7 +215,9 @@ def _rates(move: Move, length: float) -> tuple[float, float]:
     return v, v / (move.t * _RAMP_SHARE)
 
 
-def zone(model: ArmModel, way: JointLine | Line, r: float, *, at_goal: bool, X_FT: np.ndarray | None = None) -> float:
+def zone(
+    model: ArmModel, way: JointLine | Line | Arc, r: float, *, at_goal: bool, X_FT: np.ndarray | None = None
+) -> float:
     """Path coordinate from an end of a way to where the tool is first r away from it; inf if it never is.
 
     X_FT (4, 4) is the tool in the flange for a way of the joints, the flange itself by default.
@@ -218,6 +225,8 @@ def zone(model: ArmModel, way: JointLine | Line, r: float, *, at_goal: bool, X_F
     if isinstance(way, Line):
         slope = np.linalg.norm(way.slope[:3])
         return r / float(slope) if slope > 0.0 else np.inf
+    if isinstance(way, Arc):
+        return way.within(r)
     x = np.linspace(0.0, way.length, _LEG_POINTS)
     along = way.length - x if at_goal else x
     p = (forward(model, way.start + np.outer(along, way.direction)) @ (np.eye(4) if X_FT is None else X_FT))[:, :3, 3]
@@ -380,5 +389,5 @@ def _in_blend(corner: Corner, row: int) -> str:
     return corner.where()
 
 
-def _on_way(way: JointLine | Line, x: np.ndarray, row: int) -> str:
+def _on_way(way: JointLine | Line | Arc, x: np.ndarray, row: int) -> str:
     return way.where(x[row])

@@ -99,6 +99,38 @@ class MoveL:
 
 
 @dataclass(frozen=True)
+class MoveC:
+    """The tool on a circle through a point to a pose; of programs on the controller, not of scenarios.
+
+    Attributes:
+        via: a Pose whose position the tool passes.
+        goal: a Pose.
+        a: acceleration along the circle, m/s^2 (rad/s^2 where turning to the goal is the longer way).
+        v: speed along the circle, m/s (rad/s).
+        r: blend radius, m.
+        turns_with: the orientation keeps to the circle's tangent, instead of turning evenly to the goal's.
+
+    Raises:
+        TwinError: ``a`` or ``v`` not positive, ``r`` negative.
+    """
+
+    via: Pose
+    goal: Pose
+    a: float = 1.2
+    v: float = 0.25
+    r: float = 0.0
+    turns_with: bool = False
+
+    name = "movec"
+    t = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, a=self.a, v=self.v)
+        if not self.r >= 0.0:
+            raise TwinError(f"{self.name}: r is {self.r:g} m, it must be 0 or more")
+
+
+@dataclass(frozen=True)
 class ServoJ:
     """A stream of set points, one servoj call each; ``docs/motion.md`` has the law.
 

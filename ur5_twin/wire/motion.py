@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.parameters import ArmModel
 from ur5_twin.control.blend import leg
-from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveJ, MoveL
+from ur5_twin.control.commands import GAIN_RANGE, LOOKAHEAD_RANGE, MoveC, MoveJ, MoveL
 from ur5_twin.control.limits import check_position
 from ur5_twin.control.profile import ticks
 from ur5_twin.control.trajectory import require_positive
@@ -123,8 +123,8 @@ class Motion:
         move.rows = self._planned(rows, move)
         return self._begin(move)
 
-    def along(self, command: MoveJ | MoveL, X_FT: np.ndarray) -> Move:
-        """A movej or movel of the tool at X_FT (4, 4) in the flange.
+    def along(self, command: MoveJ | MoveL | MoveC, X_FT: np.ndarray) -> Move:
+        """A movej, movel or movec of the tool at X_FT (4, 4) in the flange.
 
         A move within its blend radius is blended with, if the arm can; it comes to rest first if it cannot. An arm that
         moves otherwise brakes.
@@ -213,13 +213,15 @@ class Motion:
     # Generators of rows
 
     def _way(
-        self, q: np.ndarray, command: MoveJ | MoveL, X_FT: np.ndarray, after: tuple[Way, float] | None = None
+        self, q: np.ndarray, command: MoveJ | MoveL | MoveC, X_FT: np.ndarray, after: tuple[Way, float] | None = None
     ) -> Way | None:
         # Only the distance of a line's guiding points depends on the period here.
         found = leg(self.model, q, command, max(self.period, _GUIDE / command.v), command.name, X_FT)
         return None if found is None else Way(self.model, found, self.period, X_FT, command.r, after)
 
-    def _blended(self, before: Move, way: Way, command: MoveJ | MoveL, X_FT: np.ndarray) -> tuple[Move, Iterator]:
+    def _blended(
+        self, before: Move, way: Way, command: MoveJ | MoveL | MoveC, X_FT: np.ndarray
+    ) -> tuple[Move, Iterator]:
         """The move that follows upon one near its goal, and rows of that one that come first, if they do not blend."""
         goal, move = way.leg.way.goal, Move(_NOTHING)
         try:

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 
 from ur5_twin.arm.parameters import ArmModel
-from ur5_twin.control.blend import Corner, Leg, guided, zone
-from ur5_twin.control.cartesian import Line, check_line
+from ur5_twin.control.blend import Corner, JointLine, Leg, guided, zone
+from ur5_twin.control.cartesian import check_line
 from ur5_twin.control.limits import check_rows
 from ur5_twin.control.profile import Trapezoid, ticks
 from ur5_twin.control.trajectory import still
@@ -101,7 +101,7 @@ class Way:
             first = max(chunk * _CHUNK - 1, 0)
             times = np.arange(first, (chunk + 1) * _CHUNK) * self._period
             rows = self._rows(times)
-            if isinstance(self.leg.way, Line):
+            if not isinstance(self.leg.way, JointLine):
                 check_line(self._model, rows, self._period, lambda j: self._where(times[j]))
             self._chunks = {k: old for k, old in self._chunks.items() if k == chunk - 1}
             self._chunks[chunk] = rows[chunk * _CHUNK - first :]

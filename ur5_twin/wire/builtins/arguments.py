@@ -17,7 +17,6 @@ NOT_SIMULATED = (
     "end_screw_driving",
     "enable_external_ft_sensor",
     "ft_rtde_input_enable",
-    "movec",
     "optimovej",
     "optimovel",
     "path_offset_enable",

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
-from ur5_twin.control.commands import MoveJ, MoveL
+import numpy as np
+
+from ur5_twin import spatial
+from ur5_twin.arm import kinematics
+from ur5_twin.control.commands import MoveC, MoveJ, MoveL
 from ur5_twin.control.commands import Pose as ToolPose
 from ur5_twin.errors import ScriptError
 from ur5_twin.wire.builtins.arguments import number, numbers
@@ -40,6 +44,19 @@ class Moving:
     def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
         """As movel: its speed is not kept through corners."""
         yield from self.movel(pose, a, v, 0, r)
+
+    def movec(self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0) -> Waiting:
+        """The tool on a circle from where it is through a position to a pose; ``r`` as for movej.
+
+        Six joint angles stand for the tool's pose there. ``mode`` 0 turns the tool evenly to the goal's orientation, 1
+        keeps it to the circle's tangent.
+        """
+        rates = {name: number(f"movec: {name}", value) for name, value in (("a", a), ("v", v), ("r", r))}
+        via, goal = self._pose("via", pose_via), self._pose("to", pose_to)
+        if number("movec: mode", mode) not in (0.0, 1.0):
+            raise ScriptError(f"movec: mode is {mode:g}, it must be 0 or 1")
+        command = MoveC(via, goal, **rates, turns_with=mode == 1)
+        yield from self._until_over(lambda: self._along(command))
 
     def servoj(
         self, q: Any, a: Any = 0, v: Any = 0, t: Any = 0.002, lookahead_time: Any = 0.1, gain: Any = 300
@@ -93,7 +110,14 @@ class Moving:
     def _motion(self) -> Any:
         return self._controller.motion
 
-    def _along(self, command: MoveJ | MoveL) -> Move:
+    def _pose(self, what: str, value: Any) -> ToolPose:
+        goal = _goal(f"movec: pose_{what}", value)
+        if isinstance(goal, ToolPose):
+            return goal
+        X_BT = kinematics.forward(self._controller.model, np.array(goal)) @ self._controller.X_FT
+        return ToolPose(tuple(spatial.vector_from_pose(X_BT).tolist()))
+
+    def _along(self, command: MoveJ | MoveL | MoveC) -> Move:
         return self._motion.along(command, self._controller.X_FT)
 
     def claim(self) -> None:
