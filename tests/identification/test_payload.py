@@ -12,7 +12,7 @@ from ur5_twin.arm.drive import load_joint_drives
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import load_model, load_tool
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification import body, payload, payload_result, results
+from ur5_twin.identification import body, load, payload, payload_result, results
 from ur5_twin.identification.spread import NINETY_FIVE
 from ur5_twin.recording import read
 from ur5_twin.recording.table import Recording
@@ -50,7 +50,7 @@ def test_the_columns_are_the_dynamics_of_a_tool() -> None:
     more = Dynamics(arm.with_tool(tool)).inverse(q, qd, qdd) - Dynamics(arm).inverse(q, qd, qdd)
     phi = body.Body(tool.mass, tool.center, tool.inertia).phi
     # Rounding of sums of some ten Nm.
-    np.testing.assert_allclose(payload.load_columns(arm, q, qd, qdd) @ phi, more, atol=1e-12)
+    np.testing.assert_allclose(load.load_columns(arm, q, qd, qdd) @ phi, more, atol=1e-12)
 
 
 def test_balls_stand_for_any_body(tmp_path: Path) -> None:

@@ -26,12 +26,10 @@ from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import body, spread
-from ur5_twin.identification.body import Body
+from ur5_twin.identification.load import Load, likeliest, load_columns
 from ur5_twin.identification.servo import external_torque
 from ur5_twin.recording.force_sensor import FT_DELAY
 from ur5_twin.recording.table import Recording
-from ur5_twin.sensing.kinetics import FlangeMotion
-from ur5_twin.sensing.signals import Signals
 
 _TOLD_SIGNALS = ("target_q", "target_qd", "target_qdd", "target_moment")
 #: Target speed above which friction is sliding, rad/s; slower joints that move are left out.
@@ -59,66 +57,25 @@ _INERTIA_TOLD = 0.25
 _ROUNDS = 8
 #: Less motion than this, s, or fewer joints tell mass and centre no better than standing would.
 _SHORTEST = 1.0
-#: Error of a noiseless target_moment beyond which it is not that of one body, Nm, and a mass that is none, kg.
-_NOT_ONE, _NOTHING = 1e-3, 1e-3
+#: Error of a noiseless target_moment beyond which it is not that of one body, Nm.
+_NOT_ONE = 1e-3
 
 
 @dataclass(frozen=True)
-class PayloadFit:
-    """A body at the flange with what is known of it.
+class PayloadFit(Load):
+    """A body at the flange, and what it explains.
 
     Attributes:
-        phi: (10,) or (4,) the fit without constraint (``identification.body``); (4,) where inertia is not told.
-        covariance: of that.
-        body: the body nearest to it that a body can be; None if there is nothing.
         error: (n_logs, 6) mean absolute error with the body, A or Nm.
         without: (n_logs, 6) the same with nothing at the flange, drives fitted anew.
         constants: (6,) torque constants that the fit found, Nm/A; None for the told one.
         constants_std: (6,)
     """
 
-    phi: np.ndarray
-    covariance: np.ndarray
-    body: Body | None
     error: np.ndarray
     without: np.ndarray
     constants: np.ndarray | None = None
     constants_std: np.ndarray | None = None
-
-    @property
-    def mass(self) -> tuple[float, float]:
-        """kg, and one standard deviation."""
-        return float(self.phi[0]), float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def found(self) -> bool:
-        """Whether the mass is told from none at 95 %."""
-        mass, std = self.mass
-        return mass > max(spread.NINETY_FIVE * std, _NOTHING)
-
-    @property
-    def center(self) -> tuple[np.ndarray, np.ndarray]:
-        """m (3,), and one standard deviation (3,), to first order."""
-        center = self.phi[1:4] / self.phi[0]
-        slope = np.concatenate([-center[:, None], np.eye(3)], axis=1) / self.phi[0]
-        return center, np.sqrt(np.diag(slope @ self.covariance[:4, :4] @ slope.T))
-
-    @property
-    def inertia(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Tensor about the mass centre (6,): xx, yy, zz, xy, xz, yz in kg m^2, and one standard deviation; None if not
-        told."""
-        if len(self.phi) < 10:
-            return None
-
-        def about_center(phi: np.ndarray) -> np.ndarray:
-            return body.six(body.of_phi(phi).inertia)
-
-        step = 1e-6
-        slope = np.stack(
-            [(about_center(self.phi + step * e) - about_center(self.phi - step * e)) / (2 * step) for e in np.eye(10)],
-            axis=1,
-        )
-        return about_center(self.phi), np.sqrt(np.diag(slope @ self.covariance @ slope.T))
 
 
 def between(recording: Recording, first: float, last: float) -> Recording:
@@ -175,9 +132,7 @@ def fit_told(recordings: Sequence[Recording], controller: ArmModel) -> PayloadFi
     covariance = spread.sandwich(flat, residual.ravel(), blocks)
     error = np.array([np.abs(part - c[:, :, :width] @ phi).mean(axis=0) for part, c in zip(left, columns, strict=True)])
     fit = PayloadFit(phi, covariance, None, error, np.array([np.abs(part).mean(axis=0) for part in left]))
-    if not fit.found:
-        return fit
-    return _with_body(fit)
+    return replace(fit, body=likeliest(phi, covariance)) if fit.found else fit
 
 
 def one_body(fit: PayloadFit) -> bool:
@@ -224,16 +179,15 @@ def fit_carried(
     told = np.sqrt(np.ones(3) @ fit.covariance[4:7, 4:7] @ np.ones(3)) < _INERTIA_TOLD * abs(trace)
     if not told or np.linalg.eigvalsh(body.pseudo_inertia(fit.phi))[0] < -1e-3:
         fit = problem.solve(4)
-    found = PayloadFit(
+    return PayloadFit(
         fit.phi,
         fit.covariance,
-        None,
+        likeliest(fit.phi, fit.covariance),
         problem.errors(fit)[: len(loaded)],
         problem.errors(nothing)[: len(loaded)],
         1.0 / fit.own[:, 0],
         fit.own_std[:, 0] / fit.own[:, 0] ** 2,
     )
-    return _with_body(found) if found.mass[0] > 0.0 else found
 
 
 @dataclass(frozen=True)
@@ -409,13 +363,6 @@ def _weights(rows: _Rows, error: np.ndarray, blocks: int) -> np.ndarray:
     return weights
 
 
-def load_columns(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-    """(n, 6, 10) torque of a load at the flange by its ten numbers, in a motion (n, 6) of the joints."""
-    none = np.zeros_like(q)
-    motion = FlangeMotion.of(model, Signals(np.arange(len(q), dtype=float), q, qd, qdd, none, none))
-    return body.torque_columns(model, q, motion)
-
-
 def _arm_columns(plant: ArmModel, q: np.ndarray, ride: terms.Ride) -> np.ndarray:
     """(n, 6, 11) torque by shares that the masses of links 2 to 6 and the rotors' inertias are off."""
     bare = Dynamics(plant).inverse(q, ride.qd, ride.qdd)
@@ -428,14 +375,6 @@ def _arm_columns(plant: ArmModel, q: np.ndarray, ride: terms.Ride) -> np.ndarray
     joints = np.arange(N_JOINTS)
     columns[:, joints, N_JOINTS - 1 + joints] = plant.rotor_inertia * ride.qdd
     return columns
-
-
-def _with_body(fit: PayloadFit) -> PayloadFit:
-    if len(fit.phi) == 10:
-        near = body.nearest_body(fit.phi, fit.covariance)
-    else:
-        near = body.ball(float(fit.phi[0]), fit.phi[1:4] / fit.phi[0])
-    return PayloadFit(fit.phi, fit.covariance, near, fit.error, fit.without, fit.constants, fit.constants_std)
 
 
 def _check_motion(rides: Sequence[terms.Ride], loaded: Sequence[Recording]) -> None:

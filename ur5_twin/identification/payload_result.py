@@ -10,6 +10,7 @@ import numpy as np
 from ur5_twin.arm import files
 from ur5_twin.evaluation.tables import JOINT_COLUMNS
 from ur5_twin.identification import body, payload
+from ur5_twin.identification.load import Load
 from ur5_twin.identification.results import Numbers, Result, provenance, sources
 from ur5_twin.identification.spread import NINETY_FIVE
 from ur5_twin.recording.table import Recording
@@ -63,42 +64,49 @@ def _result(
     unit: str,
     command: str,
 ) -> Result:
-    made_of = provenance((*loaded, *bare), command) | {"uncertainty": _uncertainty(fit)}
+    made_of = provenance((*loaded, *bare), command) | {"uncertainty": uncertainty(fit)}
     if bare:
         made_of["bare_logs"] = list(sources(bare))
-    mass, mass_std = fit.mass
-    center, center_std = fit.center
-    found = [f"mass {mass:.4g} ± {NINETY_FIVE * mass_std:.2g} kg (95 %)"]
-    if fit.found:
-        places = zip("xyz", 1e3 * center, 1e3 * center_std, strict=True)
-        found.append(
-            "mass centre in the flange frame "
-            + ", ".join(f"{axis} {x:.2f} ± {NINETY_FIVE * s:.2g}" for axis, x, s in places)
-            + " mm"
-        )
-    if fit.found and fit.inertia is not None:
-        moments = zip(_TENSOR, *fit.inertia, strict=True)
-        found.append(
-            "tensor about it "
-            + ", ".join(f"{name} {x:.2g} ± {NINETY_FIVE * s:.1g}" for name, x, s in moments)
-            + " kg m^2"
-        )
     logs = sources(loaded)
     errors = (("with it", fit.error), ("with nothing at the flange", fit.without))
     what = "target_moment" if unit == "Nm" else "actual_current of sliding joints"
     return Result(
         FILE,
         dict[str, files.ToolSpec],
-        None if fit.body is None else {TABLE: _table(fit, title, f"{command}, on {', '.join(logs)}", made_of)},
+        None if fit.body is None else {TABLE: table(fit, title, f"{command}, on {', '.join(logs)}", made_of)},
         title,
-        (*found, *findings),
+        (*words(fit), *findings),
         tuple(Numbers(f"Mean absolute error of {what}, {which}", unit, logs, JOINT_COLUMNS, v) for which, v in errors),
         made_of,
-        {"uncertainty": _uncertainty(fit)},
+        {"uncertainty": uncertainty(fit)},
     )
 
 
-def _table(fit: payload.PayloadFit, title: str, source: str, made_of: dict[str, Any]) -> dict[str, Any]:
+def words(fit: Load) -> list[str]:
+    """Mass, centre and tensor with 95 % intervals, as far as they are told."""
+    mass, mass_std = fit.mass
+    found = [f"mass {mass:.4g} ± {NINETY_FIVE * mass_std:.2g} kg (95 %)"]
+    if not fit.found:
+        return found
+    center, center_std = fit.center
+    places = zip("xyz", 1e3 * center, 1e3 * center_std, strict=True)
+    found.append(
+        "mass centre in the flange frame "
+        + ", ".join(f"{axis} {x:.2f} ± {NINETY_FIVE * s:.2g}" for axis, x, s in places)
+        + " mm"
+    )
+    if fit.inertia is not None:
+        moments = zip(_TENSOR, *fit.inertia, strict=True)
+        found.append(
+            "tensor about it "
+            + ", ".join(f"{name} {x:.2g} ± {NINETY_FIVE * s:.1g}" for name, x, s in moments)
+            + " kg m^2"
+        )
+    return found
+
+
+def table(fit: Load, title: str, source: str, made_of: dict[str, Any]) -> dict[str, Any]:
+    """A body in the layout of a table of ``models/tools.toml``."""
     assert fit.body is not None
     if fit.inertia is not None:
         parts = body.parts(fit.body)
@@ -117,7 +125,7 @@ def _table(fit: payload.PayloadFit, title: str, source: str, made_of: dict[str, 
     return {"title": title, "source": source, "parts": parts, "provenance": made_of}
 
 
-def _uncertainty(fit: payload.PayloadFit) -> dict[str, Any]:
+def uncertainty(fit: Load) -> dict[str, Any]:
     """The fit without constraint and half the width of its 95 % intervals."""
     mass, mass_std = fit.mass
     known: dict[str, Any] = {"mass_kg": mass, "mass_95_kg": NINETY_FIVE * mass_std}
