@@ -173,7 +173,8 @@ def main() -> None:
         for count, (item, record) in enumerate(executor.run(do, left), start=len(done) + 1):
             store.write(item.key, record)
             advance(count)
-    show(*([store.read(item.key) for item in items] for items in (free, pushed)), estimators, options.out)
+    records = [[store.read(item.key) for item in items] for items in (free, pushed)]
+    show(records[0], records[1], estimators, options.out)
 
 
 def show(free: list[dict[str, Any]], pushed: list[dict[str, Any]], estimators: tuple[str, ...], out: Path) -> None:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numba import njit
 
 from ur5_twin.arm.dynamics import Dynamics, rnea_into

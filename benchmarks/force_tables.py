@@ -76,7 +76,7 @@ def pushed_tables(name: str, recording: Recording, nominal: NominalModel, maps: 
     for label, of in maps.items():
         changed = replace(nominal, current_map=of)
         runs[f"{OURS}, {label}"] = lambda changed=changed: estimate(create(OURS, changed), samples_of(recording))
-    known = np.isfinite(truth.wrench).all(axis=1)
+    known = np.asarray(np.isfinite(truth.wrench).all(axis=1))
     touched = known & truth.touched
     rows = [("saying nothing", *error(np.zeros_like(truth.wrench), truth, known, touched))]
     rows += [(key, *error(run().wrench, truth, known, touched)) for key, run in runs.items()]

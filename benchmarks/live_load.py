@@ -19,6 +19,7 @@ import time
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import psutil
@@ -130,7 +131,8 @@ class Played:
 
 def serve(scenario: str, series: str, seconds: float, host: str) -> None:
     """Serve until the process is ended; says so when it begins."""
-    played = Played(scenario, series, seconds)
+    # The ports ask no more of it than this has.
+    played = cast(VirtualController, Played(scenario, series, seconds))
     ports = dict.fromkeys(port_names(played.version), 0)
     with Server(played, bind=host, ports=ports | {"rtde": 30004, "realtime": 30003}) as server:
         print("serving", flush=True)

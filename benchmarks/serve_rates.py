@@ -40,7 +40,7 @@ ABSENT = np.full(3, np.nan)
 class Noted:
     """A device that writes down when each tick was there."""
 
-    name, address = "noted", None
+    name, address, connected = "noted", None, None
 
     def __init__(self) -> None:
         self.ticks: list[tuple[float, float]] = []
@@ -108,7 +108,7 @@ def measure(scenario: str, series: str, seconds: float) -> list[str]:
     estimator = create("friction_kalman", load_nominal("plant", "none"))
     q = np.array([0.1, -1.4, 1.3, -1.2, -1.5, 0.2])
     for k in range(5):  # compiled before the first package
-        estimator.update(Sample(0.008 * k, q, *np.zeros((4, 6)), q, *np.zeros((3, 6)), ABSENT, ABSENT))
+        estimator.update(Sample._make((0.008 * k, q, *np.zeros((4, 6)), q, *np.zeros((3, 6)), ABSENT, ABSENT)))
     estimator = create("friction_kalman", load_nominal("plant", "none"))
     command = [sys.executable, __file__, "--child", scenario, series, str(seconds + START + 1.0)]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -119,7 +119,7 @@ def measure(scenario: str, series: str, seconds: float) -> list[str]:
     while time.monotonic() < until:
         stamp, values = client.package()
         arrived.append(time.monotonic())
-        estimator.update(Sample(stamp, *values, ABSENT, ABSENT))
+        estimator.update(Sample._make((stamp, *values, ABSENT, ABSENT)))
         done.append(time.monotonic())
         stamps.append(stamp)
     rest: list[str] = []
