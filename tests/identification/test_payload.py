@@ -112,6 +112,13 @@ def test_the_file_is_a_tool(loaded: Recording, bare: Recording, tmp_path: Path) 
     assert tool is not None
     assert fit.body is not None
     assert tool.mass == pytest.approx(0.46 + fit.body.mass, rel=1e-9)
+    # It is where the fit found it, in the flange's frame, and not on the sensor's face.
+    sensor = load_tool("ati_gamma")
+    assert sensor is not None
+    moment = sensor.mass * sensor.center + fit.body.mass * fit.body.center
+    np.testing.assert_allclose(tool.mass * tool.center, moment, atol=1e-9)
+    imu = load_tool(f"xsens_mti+{tmp_path / payload_result.FILE}")
+    assert imu is not None
     assert "ur5-twin identify payload LOG" in tool.source
 
 

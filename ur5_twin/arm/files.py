@@ -122,6 +122,7 @@ class ToolSpec(Strict, frozen=True):
     title: str
     source: str
     parts: tuple[PartSpec, ...]
+    frame: Literal["mount", "flange"] = "mount"
     mount_height_mm: Positive | None = None
     sensor_frame_mm: Three | None = None
     sensor_frame_source: str | None = None

@@ -306,7 +306,8 @@ def load_tool(name: str | None) -> Tool | None:
     Args:
         name: one of ``tool_names()``; names joined by ``+`` stand on each other, the lowest first:
             ``ati_gamma+ball_probe``. ``both`` is ``ati_gamma+xsens_mti``, ``none`` the bare flange. The path of a
-            ``.toml`` file with one table in the layout of ``models/tools.toml`` is a name too.
+            ``.toml`` file with one table in the layout of ``models/tools.toml`` is a name too. What says ``frame =
+            "flange"``, as an identified payload does, is where it says, whatever it is named after.
 
     Raises:
         ModelError: there is no such tool, one comes twice, or one has no face to mount the next on.
@@ -390,9 +391,10 @@ def _part(tool: str, item: files.PartSpec, offset: np.ndarray) -> Part:
 
 def _stack(name: str, below: Tool, layer: str, spec: files.ToolSpec) -> Tool:
     """``below`` with another tool mounted on it."""
-    if below.height is None:
+    at_flange = spec.frame == "flange"
+    if below.height is None and not at_flange:
         raise ModelError(f"the tool '{name}': nothing can be mounted on what is below '{layer}'; put that last")
-    above = _tool(layer, spec, below.height)
+    above = _tool(layer, spec, 0.0 if below.height is None or at_flange else below.height)
     parts = (*below.parts, *above.parts)
     return Tool(
         name,
@@ -401,7 +403,7 @@ def _stack(name: str, below: Tool, layer: str, spec: files.ToolSpec) -> Tool:
         parts,
         {**below.sensors, **above.sensors},
         {**below.tops, **above.tops},
-        above.height,
+        below.height if at_flange else above.height,
         f"{below.source}; {above.source}",
     )
 

@@ -12,6 +12,8 @@ from ur5_twin.identification.body import Body
 from ur5_twin.sensing.kinetics import FlangeMotion
 from ur5_twin.sensing.signals import Signals
 
+#: Moments about the flange's origin that no payload of a UR5 exceeds, kg m^2: what is not excited stays finite.
+LARGEST_INERTIA = 0.5
 #: A mass that is none, kg.
 _NOTHING = 1e-3
 

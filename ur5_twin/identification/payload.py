@@ -26,7 +26,7 @@ from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import body, spread
-from ur5_twin.identification.load import Load, likeliest, load_columns
+from ur5_twin.identification.load import LARGEST_INERTIA, Load, likeliest, load_columns
 from ur5_twin.identification.servo import external_torque
 from ur5_twin.recording.force_sensor import FT_DELAY
 from ur5_twin.recording.table import Recording
@@ -49,9 +49,6 @@ _ARM_OFF = np.concatenate([np.full(5, 0.05), np.full(6, 0.05)])
 _ORDERS, _DELAY, _LAG = (202, 404), 0.005, 0.002
 #: Ripple of another phase, A: no prior knowledge.
 _RIPPLE_OFF = 1.0
-#: Moments about the flange's origin that no payload of a UR5 exceeds, kg m^2; a fit without any excitation stays
-#: finite.
-_LARGEST_INERTIA = 0.5
 #: The inertia is told if the standard deviation of its trace is less than this share of it.
 _INERTIA_TOLD = 0.25
 _ROUNDS = 8
@@ -261,7 +258,7 @@ class _Problem:
         own, shared = self._mean.copy(), np.zeros(width)
         weights = [np.full(len(rows.current), 1.0) for rows in self._joints]
         prior = np.concatenate([1.0 / _ARM_OFF**2, np.zeros(width - arm), (1.0 / self._off**2).ravel()])
-        prior[arm + 4 : width] = 1.0 / _LARGEST_INERTIA**2
+        prior[arm + 4 : width] = 1.0 / LARGEST_INERTIA**2
         covariance = np.diag(1.0 / np.maximum(prior, 1.0))
         for _ in range(_ROUNDS):
             information, gradients = np.diag(prior), np.zeros((self._blocks, len(prior)))

@@ -122,7 +122,7 @@ def table(fit: Load, title: str, source: str, made_of: dict[str, Any]) -> dict[s
                 "center_mm": place,
             }
         ]
-    return {"title": title, "source": source, "parts": parts, "provenance": made_of}
+    return {"title": title, "source": source, "frame": "flange", "parts": parts, "provenance": made_of}
 
 
 def uncertainty(fit: Load) -> dict[str, Any]:

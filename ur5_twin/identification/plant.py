@@ -16,19 +16,26 @@ Torque constant and rotor inertia of a joint come apart only where the links' to
 acceleration: by gravity, or by an inertia that changes. Where they do not (joint 6 with nothing off its axis) the rotor
 inertia is taken as known, since a controller says its own in target_moment (``identify controller``), and the result
 says so.
+
+Something unknown on the flange may be sought beside all this (``plant_payload``): joints and payload are then fitted in
+turn until neither changes, and the intervals of both contain what the other leaves open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ur5_twin.arm.drive import JointDrives, Ripple
 from ur5_twin.arm.parameters import N_JOINTS
 from ur5_twin.errors import IdentificationError, unknown
-from ur5_twin.identification.plant_solve import FIELDS, Solution, solve, unexplained
+from ur5_twin.identification.body import Body
+from ur5_twin.identification.load import Load
+from ur5_twin.identification.plant_payload import Step, step
+from ur5_twin.identification.plant_solve import FIELDS, Shared, Solution, solve, unexplained
 from ur5_twin.identification.plant_windows import HOP, LENGTH, SLOWEST, Motion, Windows, windows
 
 #: Least time that a joint must slide in all, s.
@@ -44,6 +51,8 @@ _SLOW, _LEAST_SLOW = 0.1, 50
 #: Speeds over that of the fading beyond which 0.2 % of it is left.
 _WITHOUT_FADING = 2.5
 _TICK = 0.008
+#: Turns of payload and joints: each takes what is left to a tenth or less.
+_ROUNDS = 12
 #: Mean square below which a current is explained to rounding, A^2.
 _NOTHING = 1e-12
 #: Delays of the current that are tried, s.
@@ -66,6 +75,7 @@ class PlantFit:
         sliding: (6,) s that each joint slides in all.
         left: (6,) A, standard deviation of what the law leaves of the window means.
         notes: what could not be told, in words.
+        payload: what hangs on the flange beyond what was known of; None if it was not sought.
     """
 
     values: Mapping[str, np.ndarray]
@@ -82,6 +92,16 @@ class PlantFit:
     sliding: np.ndarray
     left: np.ndarray
     notes: tuple[str, ...]
+    payload: Load | None = None
+
+    @property
+    def carried(self) -> Body | None:
+        """The payload as the other numbers take it: None where it was not sought or is not told from none."""
+        return self.payload.body if self.payload is not None and self.payload.found else None
+
+    def loaded(self, of: Motion) -> Motion:
+        """A motion with what hung on the flange in it, as far as it was found."""
+        return of if self.carried is None else of.carrying(self.carried.phi)
 
     def drives(self, base: JointDrives, source: str) -> JointDrives:
         """Motors and gears with the fitted numbers; offset, presliding and warming are those of ``base``."""
@@ -105,7 +125,7 @@ def fit_plant(
     """The plant's numbers from logs of free motion.
 
     Args:
-        motions: ``plant_windows.motion`` of the logs.
+        motions: ``plant_windows.motion`` of the logs; if made with ``payload`` that is sought too.
         base: numbers that are taken where the logs do not tell them; its ripple's orders are those that are fitted.
         rotor_inertia: (6,) kg m^2, likewise.
         known: field -> (6,) numbers to be taken as known; NaN: fitted.
@@ -122,12 +142,24 @@ def fit_plant(
     usual = {name: getattr(base.friction, name) for name in tuple(FIELDS)[2:]}
     usual |= {"torque_constant": base.torque_constant, "rotor_inertia": rotor_inertia}
     _check(motions)
-    delay = _delay(motions, base)
-    late = [one.late(delay) for one in motions]
+    carried, notes = None, _silent(motions)
+    if all(one.payload.shape[-1] for one in motions):
+        carried = _Carried.sought(motions, base, given, usual)
+        delay = _delay([one.carrying(carried.step.phi) for one in motions], base)
+        late = [one.late(delay) for one in motions]
+        carried = _Carried.sought(late, base, given, usual, carried.step.phi)
+        if carried.body is not None:
+            late = [one.carrying(carried.body.phi) for one in late]
+        else:
+            notes.append("the mass at the flange cannot be told from none at 95 %, and counts as none")
+    else:
+        delay = _delay(motions, base)
+        late = [one.late(delay) for one in motions]
     joints: list[_Joint] = []
     for j in range(N_JOINTS):
-        w = windows(late, j, base.ripple.order.tolist())
-        joints.append(_joint(replace(w, link=w.link - base.offset[j]), j, given, usual))
+        w = _windows(late, j, base)
+        shared = None if carried is None or carried.body is None else carried.shared(w, j)
+        joints.append(_joint(w, j, given, usual, shared))
         if progress is not None:
             progress(j + 1)
     solved = [joint.solved for joint in joints]
@@ -149,8 +181,14 @@ def fit_plant(
         delay=delay,
         sliding=sliding(late),
         left=np.array([one.left for one in solved]),
-        notes=(*_silent(motions), *(note for joint in joints for note in joint.notes)),
+        notes=(*notes, *(note for joint in joints for note in joint.notes)),
+        payload=None if carried is None else carried.load,
     )
+
+
+def _windows(motions: Sequence[Motion], j: int, base: JointDrives) -> Windows:
+    w = windows(motions, j, base.ripple.order.tolist())
+    return replace(w, link=w.link - base.offset[j])
 
 
 def _silent(motions: Sequence[Motion]) -> list[str]:
@@ -197,6 +235,7 @@ def _check(motions: Sequence[Motion]) -> None:
 class _Joint:
     """One joint's part of ``PlantFit``: the last solution, and of the first one what all numbers free would leave."""
 
+    windows: Windows
     solved: Solution
     condition: float
     entangled: float
@@ -204,27 +243,30 @@ class _Joint:
     notes: tuple[str, ...]
 
 
-def _joint(w: Windows, j: int, given: Mapping[str, np.ndarray], usual: Mapping[str, np.ndarray]) -> _Joint:
+def _joint(
+    w: Windows, j: int, given: Mapping[str, np.ndarray], usual: Mapping[str, np.ndarray], shared: Shared | None = None
+) -> _Joint:
     """Fit with all numbers free, take as known what that does not tell, fit again."""
     known = {name: float(values[j]) for name, values in given.items() if not np.isnan(values[j])}
     notes = []
 
     def take(names: Sequence[str], because: str) -> Solution:
-        nonlocal w
+        nonlocal w, shared
         if "stribeck" in names:
-            w = _faded(w, float(usual["stribeck_speed"][j]))
+            fast = _fast(w, float(usual["stribeck_speed"][j]))
+            w, shared = w.at(fast), None if shared is None else shared.at(fast)
         for name in names:
             if name not in known:
                 known[name] = float(usual[name][j])
                 said = f"{known[name]:.4g} {FIELDS[name]}"
                 notes.append(f"joint {j + 1}: {name} is not told and taken as known, {said}: {because}")
-        return solve(w, known)
+        return solve(w, known, shared)
 
     slow = int((np.abs(w.speed) < _SLOW).sum())
     if "stribeck" in known or slow < _LEAST_SLOW:
         first = now = take(("stribeck", "stribeck_speed"), f"{slow * HOP * _TICK:.1f} s of slow motion")
     else:
-        first = now = solve(w, known)
+        first = now = solve(w, known, shared)
     if now.half("load") > _TOLD_LOAD:
         now = take(("load",), f"its 95 % interval is +-{now.half('load'):.2g}, the links' torque changes too little")
     if now.half("stribeck") > _TOLD_FADING * 0.5 * (now.values["coulomb_positive"] + now.values["coulomb_negative"]):
@@ -241,13 +283,60 @@ def _joint(w: Windows, j: int, given: Mapping[str, np.ndarray], usual: Mapping[s
     share = now.half("rotor_inertia") / max(now.values["rotor_inertia"], 1e-9)
     if share > _TOLD_INERTIA:
         now = take(("rotor_inertia",), f"its interval is +-{100 * share:.0f} %, the joint accelerates too little")
-    return _Joint(now, first.condition, first.entangled, np.array([name in known for name in FIELDS]), tuple(notes))
+    known_of = np.array([name in known for name in FIELDS])
+    return _Joint(w, now, first.condition, first.entangled, known_of, tuple(notes))
 
 
-def _faded(w: Windows, speed: float) -> Windows:
-    """The windows in which nothing fades any more, so that fading taken as known does no harm; all if few are."""
+def _fast(w: Windows, speed: float) -> np.ndarray:
+    """(n,) the windows in which nothing fades any more, so that fading taken as known does no harm; all if few are."""
     fast = np.abs(w.rows).min(axis=1) > _WITHOUT_FADING * speed
-    return w.at(fast) if fast.mean() > 0.5 else w
+    return fast if fast.mean() > 0.5 else np.ones(len(fast), dtype=bool)
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """A payload, and the joints' own numbers beside it."""
+
+    step: Step
+    joints: Sequence[_Joint]
+
+    @cached_property
+    def load(self) -> Load:
+        return self.step.load
+
+    @property
+    def body(self) -> Body | None:
+        """What the joints' numbers take for carried: None if the mass is not told from none."""
+        return self.load.body if self.load.found else None
+
+    def shared(self, w: Windows, j: int) -> Shared:
+        """What the payload's error means for a joint."""
+        return self.step.shared(w, self.joints[j].solved)
+
+    @classmethod
+    def sought(
+        cls,
+        motions: Sequence[Motion],
+        base: JointDrives,
+        given: Mapping[str, np.ndarray],
+        usual: Mapping[str, np.ndarray],
+        phi: np.ndarray | None = None,
+    ) -> _Carried:
+        """Payload and joints in turn, from an estimate or from the base's numbers for the joints."""
+        if phi is None:
+            joints = []
+            for j in range(N_JOINTS):
+                w = _windows(motions, j, base)
+                joints.append((w, solve(w, {name: float(values[j]) for name, values in usual.items()})))
+            phi = step(np.zeros(10), joints).phi
+        for _ in range(_ROUNDS):
+            carrying = [one.carrying(phi) for one in motions]
+            joints = [_joint(_windows(carrying, j, base), j, given, usual) for j in range(N_JOINTS)]
+            now = step(phi, [(joint.windows, joint.solved) for joint in joints])
+            phi = now.phi
+            if now.done:
+                break
+        return cls(now, joints)
 
 
 def _delay(motions: Sequence[Motion], base: JointDrives) -> float:

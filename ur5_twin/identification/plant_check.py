@@ -14,9 +14,10 @@ from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import IdentificationError, ReplayError
 from ur5_twin.identification.plant import PlantFit, fit_plant
-from ur5_twin.identification.plant_windows import SLOWEST, Motion, motion
+from ur5_twin.identification.plant_windows import SLOWEST, Motion
 from ur5_twin.recording.table import Recording
 from ur5_twin.twin.replay import ReplaySettings, replay
+from ur5_twin.twin.setup import carrying
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Unseen:
 
     Attributes:
         source: the log's name.
-        law, base: by the law in the measured motion, over rows in which the joint moves.
+        law, base: by the law in the measured motion, over rows in which the joint moves; what was found to hang on the
+            flange counts for both.
         target: target_current, over the same rows; NaN if the log has none.
         loop, base_loop: by simulation of the closed loop that follows the log's targets, over all rows; NaN if the log
             has no targets.
@@ -48,6 +50,7 @@ def current_of(drives: JointDrives, rotor_inertia: np.ndarray, of: Motion) -> np
 
 def unseen(
     recordings: Sequence[Recording],
+    motions: Sequence[Motion],
     base: ArmModel,
     drives: JointDrives,
     known: dict[str, np.ndarray] | None = None,
@@ -57,12 +60,12 @@ def unseen(
 
     Args:
         recordings: two logs or more; one whose others cannot carry a fit is left out of the result.
-        base: links, gravity and rotors, with what is bolted to the flange.
+        motions: of the same logs, as ``fit_plant`` has them.
+        base: links, gravity and rotors, with what is known to be bolted to the flange.
         drives: the base's motors and gears.
         known: as ``fit_plant`` has it.
         progress: called with the number of logs done.
     """
-    motions = [motion(recording, base) for recording in recordings]
     found = []
     for k, recording in enumerate(recordings):
         try:
@@ -76,6 +79,9 @@ def unseen(
 
 
 def _predicted(recording: Recording, of: Motion, fit: PlantFit, base: ArmModel, drives: JointDrives) -> Unseen:
+    body = fit.carried if of.payload.any() else None
+    if body is not None:
+        of, base = fit.loaded(of), carrying(base, body.mass, body.center, body.inertia)
     fitted = replace(base, rotor_inertia=fit.values["rotor_inertia"])
     own = fit.drives(drives, "fit")
     moving = of.joined[:, None] & (np.abs(of.qd) > SLOWEST)

@@ -11,6 +11,9 @@ from ur5_twin.arm import files
 from ur5_twin.arm.drive import JointDrives
 from ur5_twin.arm.parameters import N_JOINTS, ArmModel, beside_or_shipped, model_file
 from ur5_twin.evaluation.tables import JOINT_COLUMNS
+from ur5_twin.identification.payload_result import FILE as PAYLOAD_FILE
+from ur5_twin.identification.payload_result import TABLE as PAYLOAD
+from ur5_twin.identification.payload_result import table, uncertainty, words
 from ur5_twin.identification.plant import PlantFit
 from ur5_twin.identification.plant_check import Unseen
 from ur5_twin.identification.plant_solve import FIELDS
@@ -67,12 +70,18 @@ def plant_result(
         f"the currents are reported {fit.delay * 1e3:.0f} ms late, or less than a millisecond more",
         "condition number of each joint's columns, all numbers free: " + ", ".join(f"{x:.3g}" for x in fit.condition),
         "correlation of torque constant and rotor inertia: " + ", ".join(f"{x:.2f}" for x in fit.entangled),
+        *([] if fit.payload is None else ["beyond the tool the flange carries: " + ", ".join(words(fit.payload))]),
         *fit.notes,
-        "known and not fitted: masses and centres of the links, offset, presliding and warming; an offset counts as "
-        "friction that differs with the direction; viscous friction is that of these logs' temperature",
+        "known and not fitted: masses and centres of the links and of --tool, offset, presliding and warming; an "
+        "offset counts as friction that differs with the direction; viscous friction is that of these logs' temperature",
     ]  # fmt: skip
     if not unseen:
         findings.append("one log cannot check itself: give more of them to see how a fit predicts what it has not seen")
+    beside = [ModelFile(JOINTS, dict[str, files.JointDrivesSpec], {TABLE: _joints(fit, drives, source)})]
+    if fit.payload is not None and fit.carried is not None:
+        told = where | {"uncertainty": uncertainty(fit.payload)}
+        load = {PAYLOAD: table(fit.payload, "Payload that the motors carry", source, told)}
+        beside.append(ModelFile(PAYLOAD_FILE, dict[str, files.ToolSpec], load))
     return Result(
         FILE,
         files.ModelFile,
@@ -91,8 +100,9 @@ def plant_result(
             ],
             "sliding_s": fit.sliding.tolist(),
             "delay_s": fit.delay,
-        },
-        (ModelFile(JOINTS, dict[str, files.JointDrivesSpec], {TABLE: _joints(fit, drives, source)}),),
+        }
+        | ({} if fit.payload is None else {"payload": uncertainty(fit.payload)}),
+        tuple(beside),
     )
 
 

@@ -8,12 +8,13 @@ derivative.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear, minimize_scalar
 from scipy.stats import t as student
 
+from ur5_twin.identification import spread
 from ur5_twin.identification.plant_windows import Windows
 
 #: Numbers of a joint with their units.
@@ -47,6 +48,8 @@ class Solution:
         condition: of the columns, each scaled to length 1.
         entangled: correlation of the errors of torque constant and rotor inertia; NaN where one is known.
         left: standard deviation of what is left of the window means, A.
+        tangent: (n, m) derivatives of the windows' current in all that was free, A by unit.
+        error: (n,) what a fit without bounds leaves of it, A.
     """
 
     values: Mapping[str, float]
@@ -58,10 +61,29 @@ class Solution:
     condition: float
     entangled: float
     left: float
+    tangent: np.ndarray = field(repr=False)
+    error: np.ndarray = field(repr=False)
 
     def half(self, name: str) -> float:
         """Half the width of a number's interval, 0 for what is known."""
         return 0.0 if np.isnan(self.low[name]) else 0.5 * (self.high[name] - self.low[name])
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Numbers that all joints have in common, fitted beside a joint's own: a payload's.
+
+    Attributes:
+        slope: (n, k) derivative of the windows' current in them, A by unit.
+        influence: (blocks, k) what each second of the logs adds to their error.
+    """
+
+    slope: np.ndarray
+    influence: np.ndarray
+
+    def at(self, which: np.ndarray) -> Shared:
+        """Of some of the windows."""
+        return replace(self, slope=self.slope[which])
 
 
 @dataclass(frozen=True)
@@ -74,14 +96,17 @@ class _Design:
     inverse_constant: float | None
 
 
-def solve(w: Windows, known: Mapping[str, float]) -> Solution:
-    """Fit all numbers that are not ``known`` (field -> number); ``stribeck_speed`` is free only beside ``stribeck``."""
+def solve(w: Windows, known: Mapping[str, float], shared: Shared | None = None) -> Solution:
+    """Fit all numbers that are not ``known`` (field -> number); ``stribeck_speed`` is free only beside ``stribeck``.
+
+    Intervals contain the error of what is ``shared``.
+    """
     speed = known.get("stribeck_speed")
     seek = speed is None
     if speed is None:
         speed = _fading_speed(w, known)
     fade, slope = w.fading(speed)
-    return _solution(w, _design(w, known, fade), known, speed, slope if seek else None)
+    return _solution(w, _design(w, known, fade), known, speed, slope if seek else None, shared)
 
 
 def unexplained(w: Windows, speed: float) -> float:
@@ -129,7 +154,12 @@ def _design(w: Windows, known: Mapping[str, float], fade: np.ndarray | None) -> 
 
 
 def _solution(
-    w: Windows, design: _Design, known: Mapping[str, float], speed: float, fade_slope: np.ndarray | None
+    w: Windows,
+    design: _Design,
+    known: Mapping[str, float],
+    speed: float,
+    fade_slope: np.ndarray | None,
+    shared: Shared | None,
 ) -> Solution:
     free, columns, answer, n = design.free, design.columns, design.answer, len(design.free)
     plain = np.linalg.lstsq(columns, answer, rcond=None)[0]
@@ -145,7 +175,8 @@ def _solution(
     tangent = columns
     if fade_slope is not None:
         tangent = np.column_stack([columns, inverse * center["stribeck"] * fade_slope])
-    covariance, freedom = _sandwich(tangent, answer - columns @ plain, w.block)
+    error = answer - columns @ plain
+    covariance, freedom = _sandwich(tangent, error, w, shared)
     slopes = _slopes(free, center, inverse, tangent.shape[1], seek=fade_slope is not None)
     free_of = _untold(tangent)
     std = {
@@ -179,6 +210,8 @@ def _solution(
         condition=float(np.linalg.cond(tangent / np.maximum(np.linalg.norm(tangent, axis=0), 1e-12))),
         entangled=float(entangled),
         left=float((answer - columns @ x).std()),
+        tangent=tangent,
+        error=error,
     )
 
 
@@ -216,13 +249,16 @@ def _untold(columns: np.ndarray) -> np.ndarray:
     return np.where(np.abs(none) > _SINGULAR * np.abs(none).max(axis=1, keepdims=True, initial=0.0), none, 0.0)
 
 
-def _sandwich(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, int]:
+def _sandwich(columns: np.ndarray, error: np.ndarray, w: Windows, shared: Shared | None) -> tuple[np.ndarray, int]:
     """Covariance of least squares whose errors are correlated within blocks, and its degrees of freedom.
 
-    (A'A)^-1 (sum over blocks of A_b' e_b e_b' A_b) (A'A)^-1 times G / (G - p), for G blocks and p columns.
+    sum over blocks of u_b u_b' times G / (G - p), for G blocks with windows and p columns, u_b = (A'A)^-1 A_b' e_b. An
+    error d of shared numbers with derivative S moves the fit by -(A'A)^-1 A'S d.
     """
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
-    starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
-    sums = np.add.reduceat(columns * error[:, None], starts)
-    freedom = len(starts) - columns.shape[1]
-    return len(starts) / max(freedom, 1) * inverse @ (sums.T @ sums) @ inverse, freedom
+    influence = spread.by_block(columns * error[:, None], w.block, w.blocks) @ inverse
+    if shared is not None:
+        influence -= shared.influence @ (inverse @ (columns.T @ shared.slope)).T
+    number = len(np.unique(w.block))
+    freedom = number - columns.shape[1]
+    return number / max(freedom, 1) * influence.T @ influence, freedom

@@ -25,6 +25,7 @@ from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
 from ur5_twin.control.tcp_force import last_known, viscous_ratio
 from ur5_twin.errors import IdentificationError
+from ur5_twin.identification.load import load_columns
 from ur5_twin.recording.table import Recording
 
 #: Slowest speed of a row in a window, rad/s: a joint has left its presliding (0.1 mrad) 3 ms after it turned round.
@@ -53,6 +54,8 @@ class Motion:
         link: torque that the links need, without the rotors', Nm.
         ratio: viscous friction over its mean, by the controller's correction for the drive's temperature.
         current: A.
+        payload: (n, 6, 10) torque of an unknown payload by its ten numbers (``identification.body``), Nm, zeros where
+            it did not hang; (n, 6, 0) if none is sought.
     """
 
     source: str
@@ -64,6 +67,15 @@ class Motion:
     link: np.ndarray
     ratio: np.ndarray
     current: np.ndarray
+    payload: np.ndarray
+
+    def carrying(self, phi: np.ndarray) -> Motion:
+        """The motion with a payload of ten numbers (10,) on the links."""
+        return replace(self, link=self.link + self.payload @ phi)
+
+    def bare(self) -> Motion:
+        """The motion as one in which the payload that is sought did not hang."""
+        return replace(self, payload=np.zeros_like(self.payload))
 
     def late(self, seconds: float) -> Motion:
         """The motion as a current shows it that is reported ``seconds`` late, at most one row."""
@@ -74,11 +86,13 @@ class Motion:
         def before(x: np.ndarray) -> np.ndarray:
             return (1.0 - share) * x + share * np.concatenate([x[:1], x[:-1]])
 
-        moved = {name: before(getattr(self, name)) for name in ("q", "qd", "qdd", "link", "ratio")}
+        moved = {name: before(getattr(self, name)) for name in ("q", "qd", "qdd", "link", "ratio", "payload")}
         return replace(self, joined=self.joined & np.concatenate([[False], self.joined[:-1]]), **moved)
 
 
-def motion(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = None) -> Motion:
+def motion(
+    recording: Recording, model: ArmModel, law: TargetCurrentLaw | None = None, *, payload: bool = False
+) -> Motion:
     """A log's measured motion.
 
     Args:
@@ -86,6 +100,7 @@ def motion(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None =
             controller's correction for the drives' temperature is taken from them.
         model: the links with whatever is bolted to the flange.
         law: the controller's drive law, by default the one that ships.
+        payload: something unknown hangs on the flange beside that, and is sought.
 
     Raises:
         IdentificationError: a signal is missing, or the log is shorter than 10 windows.
@@ -115,7 +130,9 @@ def motion(recording: Recording, model: ArmModel, law: TargetCurrentLaw | None =
         current = current.copy()
         current[1:] -= 0.5 * np.diff(forward, axis=0)
     without_rotors = Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS)))
-    return Motion(recording.source, time, joined, q, qd, qdd, without_rotors.inverse(q, qd, qdd), ratio, current)
+    link = without_rotors.inverse(q, qd, qdd)
+    sought = load_columns(model, q, qd, qdd) if payload else np.empty((*q.shape, 0))
+    return Motion(recording.source, time, joined, q, qd, qdd, link, ratio, current, sought)
 
 
 @dataclass(frozen=True)
@@ -124,7 +141,8 @@ class Windows:
 
     Attributes:
         speed: (n,) rad/s.
-        block: (n,) number of the second of a log that a window begins in.
+        block: (n,) number of the second of a log that a window begins in, the same for all joints.
+        blocks: how many seconds the logs have.
         current: (n,) A.
         rotor: (n,) rad/s^2.
         link: (n,) Nm.
@@ -132,11 +150,13 @@ class Windows:
         forward, backward: (n,) the direction's share, 1 and -1 or 0.
         viscous: (n,) ratio qd, rad/s.
         ripple: (n, 2 per order) cosine and sine.
+        payload, payload_load: (n, 10) derivatives of link and load in the numbers of a payload; (n, 0) without one.
         rows: the rows (n, LENGTH) of qd that a window is of, for friction that fades with speed.
     """
 
     speed: np.ndarray
     block: np.ndarray
+    blocks: int
     current: np.ndarray
     rotor: np.ndarray
     link: np.ndarray
@@ -145,11 +165,13 @@ class Windows:
     backward: np.ndarray
     viscous: np.ndarray
     ripple: np.ndarray
+    payload: np.ndarray
+    payload_load: np.ndarray
     rows: np.ndarray
 
     def at(self, which: np.ndarray) -> Windows:
         """Some of the windows."""
-        return Windows(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
+        return replace(self, **{name: getattr(self, name)[which] for name in _COLUMNS})
 
     def fading(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """(n,) means of sgn(qd) exp(-(qd / speed)^2), and of its derivative in speed."""
@@ -170,13 +192,16 @@ def windows(motions: Sequence[Motion], joint: int, orders: Sequence[float]) -> W
         joint: from 0.
         orders: of the ripple, periods a revolution.
     """
-    parts = [_of_one(one, joint, orders) for one in motions]
-    counted, first = [], 0
-    for part in parts:
-        counted.append(replace(part, block=part.block + first))
-        first += int(part.block.max(initial=0)) + 1
-    fields = Windows.__dataclass_fields__
-    return Windows(**{name: np.concatenate([getattr(part, name) for part in counted]) for name in fields})
+    parts, first = [], 0
+    for one in motions:
+        part = _of_one(one, joint, orders)
+        parts.append(replace(part, block=part.block + first))
+        first += part.blocks
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
+    return Windows(blocks=first, **columns)
+
+
+_COLUMNS = tuple(name for name in Windows.__dataclass_fields__ if name != "blocks")
 
 
 def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
@@ -196,19 +221,23 @@ def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
         return x[index] @ _MEAN
 
     def mean_of_rate(x: np.ndarray) -> np.ndarray:
-        return x[index[:, 1:-1]] @ (_SHAPE / _SHAPE.sum())
+        return np.moveaxis(x[index[:, 1:-1]], 1, -1) @ (_SHAPE / _SHAPE.sum())
 
+    link, payload = of.link[:, joint], of.payload[:, joint]
     return Windows(
         speed=mean(qd),
         block=((of.time[index[:, 0]] - of.time[0]) // BLOCK).astype(int),
+        blocks=int((of.time[-1] - of.time[0]) // BLOCK) + 1,
         current=mean(of.current[:, joint]),
         rotor=mean_of_rate(of.qdd[:, joint]),
         # Mostly inertia where it is quick, so averaged as the acceleration is.
-        link=mean_of_rate(of.link[:, joint]),
-        load=mean_of_rate(np.abs(of.link[:, joint]) * sign),
+        link=mean_of_rate(link),
+        load=mean_of_rate(np.abs(link) * sign),
         forward=mean(1.0 * (sign > 0)),
         backward=mean(-1.0 * (sign < 0)),
         viscous=mean(of.ratio[:, joint] * qd),
         ripple=np.stack([mean(wave) for wave in waves], axis=1) if waves else np.empty((len(index), 0)),
+        payload=mean_of_rate(payload),
+        payload_load=mean_of_rate((np.sign(link) * sign)[:, None] * payload),
         rows=qd[index],
     )

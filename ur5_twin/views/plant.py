@@ -21,7 +21,7 @@ def draw_currents(of: Motion, fit: PlantFit, drives: JointDrives, path: Path) ->
     """Measured current and that of the law while each joint moves, one log, as a PNG; returns its path."""
     figure = paper.new_figure(11.0, 9.0, f"Motor currents in motion, {of.source}")
     panels = paper.panels(figure, 3, 2)
-    late = of.late(fit.delay)
+    late = fit.loaded(of).late(fit.delay)
     predicted = current_of(fit.drives(drives, "fit"), fit.values["rotor_inertia"], late)
     for j, panel in enumerate(panels.flat):
         moving = of.joined & (np.abs(of.qd[:, j]) > SLOWEST)
