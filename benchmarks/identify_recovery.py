@@ -1,11 +1,12 @@
 """Whether ``identify plant`` finds the numbers of a plant that is known, and whether its intervals hold.
 
-    python benchmarks/identify_recovery.py [--seeds 120] [--jobs 2] [--out out/recovery.jsonl]
+    python benchmarks/identify_recovery.py [--seeds 120] [--jobs 2] [--ideal] [--out out/recovery.jsonl]
 
-The twin records 120 s of ``control.excitation`` eight times, with the sensors of the preset "lab" and a known load off
-the flange's axis. Each seed draws the noise anew and fits the first recording alone, then all eight. Every fourth seed
-is of a plant whose every number differs from the base's that the fit is given. Seeds that are in the file already are
-not run again; the tables of docs/plant.md are printed from all that are.
+The twin records 120 s of ``control.excitation`` eight times, with the sensors of the preset "lab" and a load off the
+flange's axis. Each seed draws the noise anew and fits the first recording alone, then all eight; and with the load
+sought the first recording alone, then beside one without the load. Every fourth seed is of a plant whose every number
+differs from the base's that the fit is given. Seeds that are in the file already are not run again; the tables of
+docs/plant.md are printed from all that are. With ``--ideal`` there is no noise: what is left is what the windows bias.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import math
 import multiprocessing
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,11 @@ from ur5_twin.control.excitation import excitation
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
+from ur5_twin.identification.body import Body
 from ur5_twin.identification.plant import fit_plant
 from ur5_twin.identification.plant_solve import FIELDS
 from ur5_twin.identification.plant_windows import motion
+from ur5_twin.identification.spread import NINETY_FIVE
 from ur5_twin.recording.table import Recording
 from ur5_twin.sensing import Measuring, Signals, load_sensors
 from ur5_twin.terminal import progress
@@ -47,8 +50,8 @@ from ur5_twin.twin.telemetry import Telemetry
 DURATION, LOGS = 120.0, 8
 #: Seed of the first recording's motion; it is the one that the excitation was searched with.
 MOTION = 41
-#: The load: kg, its centre in the flange frame in m, and radius of gyration, m.
-MASS, CENTER, GYRATION = 4.4, (0.19, 0.0, 0.05), 0.03
+#: The load: 4.4 kg, its centre in the flange frame in m, and 30 mm of gyration.
+BODY = Body(4.4, np.array([0.19, 0.0, 0.05]), 4.4 * 0.03**2 * np.eye(3))
 #: Every how many seeds the plant is another one, and by how much its numbers spread (logarithm).
 OTHER, SPREAD = 4, 0.15
 #: What was aimed at, share of the truth.
@@ -87,9 +90,9 @@ def other_plant(seed: int) -> tuple[ArmModel, JointDrives]:
 
 
 def record(plant: ArmModel, drives: JointDrives, number: int) -> tuple[Recording, Signals]:
-    """One recording without sensor noise, and what its noise is to be added to."""
+    """One recording without sensor noise, and what its noise is to be added to; the ninth is without the load."""
     rows = excitation(DURATION, seed=MOTION + number)
-    load = (MASS, np.array(CENTER), MASS * GYRATION**2 * np.eye(3))
+    load = (BODY.mass if number < LOGS else 0.0, BODY.center, BODY.inertia)
     setup = Setup(
         controller=carrying(load_model("controller"), *load),
         plant=carrying(plant, *load),
@@ -113,27 +116,30 @@ def record(plant: ArmModel, drives: JointDrives, number: int) -> tuple[Recording
 
 @lru_cache(maxsize=1)
 def usual_records() -> tuple[tuple[Recording, Signals], ...]:
-    return tuple(record(load_model("plant"), load_joint_drives(), k) for k in range(LOGS))
+    return tuple(record(load_model("plant"), load_joint_drives(), k) for k in range(LOGS + 1))
 
 
-def one_seed(seed: int) -> dict:
+def one_seed(seed: int, ideal: bool = False) -> dict:
     """Errors and intervals of one seed, as JSON has them."""
     base_plant, base = load_model("plant"), load_joint_drives()
     differs = seed % OTHER == OTHER - 1
     plant, drives = other_plant(seed) if differs else (base_plant, base)
-    records = [record(plant, drives, k) for k in range(LOGS)] if differs else usual_records()
-    known = carrying(base_plant, MASS, np.array(CENTER), MASS * GYRATION**2 * np.eye(3))
+    records = [record(plant, drives, k) for k in range(LOGS + 1)] if differs else usual_records()
     suite = load_sensors("lab")
     motions = []
     for k, (recording, clean) in enumerate(records):
         noise = Measuring(suite, base_plant, np.random.default_rng([seed, k]), period=PERIOD)
         measured = noise.robot(clean, 0, 1)
         columns = {name: measured[name] for name in ("actual_q", "actual_qd", "actual_current")}
-        motions.append(motion(recording.with_table(recording.robot.with_columns(columns)), known))
+        seen = recording if ideal else recording.with_table(recording.robot.with_columns(columns))
+        motions.append(motion(seen, base_plant, payload=True))
+    known = [replace(of.carrying(BODY.phi), sought=of.sought[:, :, :0]) for of in motions[:LOGS]]
+    bare = motions[LOGS].bare()
     truth = {name: getattr(drives.friction, name) for name in tuple(FIELDS)[2:]}
     truth |= {"torque_constant": drives.torque_constant, "rotor_inertia": plant.rotor_inertia}
     found = {"seed": seed, "other_plant": differs, "truth": {name: truth[name].tolist() for name in FIELDS}}
-    for name, used in (("one", motions[:1]), ("all", motions)):
+    cases = {"one": known[:1], "all": known, "one_sought": motions[:1], "one_bare": [motions[0], bare]}
+    for name, used in cases.items():
         fit = fit_plant(used, base, base_plant.rotor_inertia)
         found[name] = {
             field: {
@@ -143,7 +149,24 @@ def one_seed(seed: int) -> dict:
             }
             for field in FIELDS
         } | {"delay": fit.delay}
+        if fit.payload is not None:
+            (mass, std), (center, center_std) = fit.payload.mass, fit.payload.center
+            found[name]["payload"] = {"value": [mass, *center.tolist()], "std": [std, *center_std.tolist()]}
     return found
+
+
+def payload_table(rows: Sequence[dict], which: str, title: str) -> str:
+    """Error and coverage of the payload's mass and centre."""
+    value, std = (np.array([row[which]["payload"][what] for row in rows]) for what in ("value", "std"))
+    error = value - np.array([BODY.mass, *BODY.center])
+    holds = (np.abs(error) <= NINETY_FIVE * std).mean(axis=0)
+    unit = np.array([1.0, 1e3, 1e3, 1e3])
+    lines = [
+        ("mean error", *(f"{x:.3g}" for x in unit * error.mean(axis=0))),
+        ("spread", *(f"{x:.3g}" for x in unit * error.std(axis=0))),
+        ("intervals that hold, %", *(f"{100 * x:.0f}" for x in holds)),
+    ]
+    return f"{title}:\n\n{markdown(('', 'mass, kg', 'x, mm', 'y, mm', 'z, mm'), lines)}\n"
 
 
 def tables(rows: Sequence[dict], which: str, title: str) -> str:
@@ -183,6 +206,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("out/recovery.jsonl"), help="one line a seed; goes on from there"
     )
+    parser.add_argument("--ideal", action="store_true", help="without noise; give another --out")
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     done = {}
@@ -195,15 +219,22 @@ def main() -> None:
         options.out.open("a", encoding="utf-8") as file,
         progress("seeds", options.seeds) as advance,
     ):
-        for row in pool.imap_unordered(one_seed, left):
+        for row in pool.imap_unordered(partial(one_seed, ideal=options.ideal), left):
             done[row["seed"]] = row
             file.write(json.dumps(row) + "\n")
             file.flush()
             advance(len(done))
     rows = [done[seed] for seed in sorted(done)]
     same, other = [r for r in rows if not r["other_plant"]], [r for r in rows if r["other_plant"]]
-    for which, logs in (("one", "One recording of 120 s"), ("all", f"{LOGS} recordings of 120 s")):
+    for which, logs in (
+        ("one", "One recording of 120 s"),
+        ("all", f"{LOGS} recordings of 120 s"),
+        ("one_sought", "One recording of 120 s, the load sought"),
+        ("one_bare", "One recording of 120 s with the load, which is sought, and one without it"),
+    ):
         print(tables(rows, which, f"{logs}, all plants"))
+        if "payload" in rows[0][which]:
+            print(payload_table(rows, which, f"{logs}, what is found of it"))
         if which == "all" and same and other:
             print(tables(other, which, f"{logs}, other plants only"))
 

@@ -59,6 +59,26 @@ def test_plant_and_servo_files_replay(run: Run, lab_logs: Path) -> None:
     assert (current_error(run, lab_logs / NO4, *options) < 1.1).all()
 
 
+def test_a_plant_that_may_carry_something(run: Run, lab_logs: Path) -> None:
+    logs = [lab_logs / NO4, lab_logs / "Movement_No6_Acc_slow_Verify_Model"]
+    # The same things hang there in both: beyond those of the second log nothing does in the first.
+    code, out, err = run("identify", "plant", logs[0], "--payload", "--bare", logs[1], "--repair", "--out", "plant")
+    assert code == 0, err
+    assert "beyond the tool the flange carries: mass" in out
+    assert "cannot be told from none at 95 %, and counts as none" in out
+    assert "written to plant: plant.toml, joints.toml, report.md" in out
+    report = json.loads(Path("plant/report.json").read_text(encoding="utf-8"))
+    assert report["payload"]["mass_95_kg"] < 0.1
+    # Without it the law's own error counts as a weight, where none can hang: said, with what would help.
+    code, out, err = run("identify", "plant", *logs, "--payload", "--repair", "--out", "alone")
+    assert code == 0, err
+    assert "the payload's centre is behind the flange" in out
+    code, _, err = run("identify", "plant", logs[0], "--bare", logs[1], "--repair", "--out", "other")
+    assert code == 2
+    assert "--payload" in err
+    assert not Path("other").exists()
+
+
 @pytest.mark.parametrize("command", ["drive", "servo", "plant", "payload", "controller"])
 def test_a_log_that_is_too_short_is_refused_in_one_line(run: Run, command: str) -> None:
     shutil.copytree(DEMO, "short")

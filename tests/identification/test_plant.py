@@ -17,6 +17,7 @@ from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import plant_check, plant_result, results
+from ur5_twin.identification.body import Body, pseudo_inertia
 from ur5_twin.identification.plant import PlantFit, fit_plant
 from ur5_twin.identification.plant_solve import FIELDS
 from ur5_twin.identification.plant_windows import motion
@@ -36,13 +37,12 @@ TRUTH = {name: getattr(DRIVES.friction, name) for name in tuple(FIELDS)[2:]} | {
 }
 
 
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    """120 s of the cell in the excitation with a load off the axis, sensors without fault."""
+def recorded(load: tuple[float, np.ndarray, np.ndarray]) -> Recording:
+    """120 s of the cell in the excitation, sensors without fault."""
     rows = excitation(120.0, seed=41)
     setup = Setup(
-        controller=carrying(load_model("controller"), *LOAD),
-        plant=carrying(PLANT, *LOAD),
+        controller=carrying(load_model("controller"), *load),
+        plant=carrying(PLANT, *load),
         gains=load_gains("servo"),
         law=load_target_current_law(),
         drives=DRIVES,
@@ -54,6 +54,18 @@ def recording() -> Recording:
     for piece in cell.advance(rows[1:]):
         telemetry.observe(piece)
     return telemetry.recording("excitation")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """With a load off the axis."""
+    return recorded(LOAD)
+
+
+@pytest.fixture(scope="module")
+def bare() -> Recording:
+    """With nothing at the flange."""
+    return recorded((0.0, np.zeros(3), np.zeros((3, 3))))
 
 
 def noisy(recording: Recording, seed: int) -> Recording:
@@ -118,6 +130,62 @@ def test_with_noise_the_intervals_hold(recording: Recording) -> None:
     assert fit.high["rotor_inertia"][0] - fit.low["rotor_inertia"][0] < 2 * 0.08 * TRUTH["rotor_inertia"][0]
 
 
+def sought(*recordings: Recording, bare: Recording | None = None) -> PlantFit:
+    motions = [motion(recording, PLANT, payload=True) for recording in recordings]
+    if bare is not None:
+        motions.append(motion(bare, PLANT, payload=True).bare())
+    return fit_plant(motions, DRIVES, PLANT.rotor_inertia)
+
+
+def test_without_noise_an_unknown_payload_is_found(recording: Recording) -> None:
+    fit, known = sought(recording), fitted(recording)
+    assert fit.payload is not None
+    assert fit.carried is not None
+    # What the windows bias, 0.5 % of an inertia, goes partly into the links' masses, and what these then lack at the
+    # wrist into the payload's place: 1 % of the mass, 2 mm, and 2 % of the moments about the flange.
+    assert fit.carried.mass == pytest.approx(LOAD[0], rel=0.01)
+    np.testing.assert_allclose(fit.carried.center, LOAD[1], atol=2e-3)
+    about_flange = Body(*LOAD).phi[4:]
+    np.testing.assert_allclose(fit.carried.phi[4:], about_flange, atol=0.02 * about_flange.max())
+    for name in ("torque_constant", "rotor_inertia", "coulomb_positive", "coulomb_negative", "viscous"):
+        np.testing.assert_allclose(fit.values[name], known.values[name], rtol=0.02, err_msg=name)
+    # Numbers that are shared are less certain than numbers that are known.
+    wider = fit.high["torque_constant"] - fit.low["torque_constant"]
+    assert (wider > known.high["torque_constant"] - known.low["torque_constant"]).all()
+
+
+def test_with_noise_an_unknown_payload_has_its_interval(recording: Recording) -> None:
+    # Three draws of the noise are three logs of the same motion.
+    fit = sought(*(noisy(recording, seed) for seed in (1, 2, 3)))
+    assert fit.payload is not None
+    assert fit.carried is not None
+    (mass, std), (center, center_std) = fit.payload.mass, fit.payload.center
+    # Three standard deviations: one in a hundred of four numbers would be beyond.
+    assert abs(mass - LOAD[0]) < 3.0 * std
+    # The arm's own masses are known to 5 %.
+    assert std < 0.05 * LOAD[0]
+    assert (np.abs(center - LOAD[1]) < 3.0 * center_std).all()
+    assert np.linalg.eigvalsh(pseudo_inertia(fit.carried.phi))[0] > 0.0
+    off = np.abs(fit.values["torque_constant"] - TRUTH["torque_constant"])
+    assert (off < 1.5 * 0.5 * (fit.high["torque_constant"] - fit.low["torque_constant"])).all()
+
+
+def test_a_log_without_the_payload_tells_more(recording: Recording, bare: Recording) -> None:
+    alone, beside = sought(noisy(recording, 1)), sought(noisy(recording, 1), bare=noisy(bare, 2))
+    assert alone.payload is not None
+    assert beside.payload is not None
+    assert beside.payload.mass[1] < 0.6 * alone.payload.mass[1]
+    assert abs(beside.payload.mass[0] - LOAD[0]) < 3.0 * beside.payload.mass[1]
+
+
+def test_nothing_on_the_flange_counts_as_nothing(bare: Recording) -> None:
+    with_it = sought(noisy(bare, 5))
+    assert with_it.carried is None
+    assert any("cannot be told from none" in note for note in with_it.notes)
+    without = fit_plant([motion(noisy(bare, 5), PLANT)], DRIVES, PLANT.rotor_inertia)
+    np.testing.assert_array_equal(with_it.values["torque_constant"], without.values["torque_constant"])
+
+
 def test_what_is_known_stays(recording: Recording) -> None:
     only_last = np.array([np.nan] * 5 + [0.2])
     fit = fitted(recording, rotor_inertia=only_last)
@@ -179,6 +247,22 @@ def test_a_missing_signal_is_named(recording: Recording) -> None:
     made = recording.with_table(Table("robot", robot.time, {"actual_q": robot["actual_q"]}))
     with pytest.raises(IdentificationError, match="excitation: no actual_qd, actual_current"):
         motion(made, PLANT)
+
+
+def test_a_payload_is_a_tool_for_the_twin(recording: Recording, tmp_path: Path) -> None:
+    fit = sought(noisy(recording, 1))
+    result = plant_result.plant_result(fit, [], PLANT, plant_result.links_of("plant"), DRIVES, [recording], "command")
+    results.write(result, tmp_path)
+    tool = load_tool(str(tmp_path / "payload.toml"))
+    assert tool is not None
+    assert fit.carried is not None
+    assert tool.mass == pytest.approx(fit.carried.mass, rel=1e-9)
+    np.testing.assert_allclose(tool.center, fit.carried.center, atol=1e-9)
+    # Balls have a size: a tenth of a millimetre at least.
+    np.testing.assert_allclose(tool.inertia, fit.carried.inertia, atol=1e-6)
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert report["payload"]["mass_kg"] == pytest.approx(LOAD[0], rel=0.1)
+    assert any("beyond the tool the flange carries: mass" in finding for finding in report["findings"])
 
 
 def test_the_files_are_what_the_twin_takes(recording: Recording, tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def parts(body: Body) -> list[dict[str, object]]:
             "name": f"payload_{i}",
             "shape": "sphere",
             "mass_kg": body.mass / 6.0,
-            "radius_mm": radius * 1e3,
+            "radius_mm": float(radius * 1e3),
             "center_mm": [float(x) for x in place * 1e3],
         }
         for i, place in enumerate(places, start=1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.arm.dynamics import Dynamics
+from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.identification import body, spread
 from ur5_twin.identification.body import Body
 from ur5_twin.sensing.kinetics import FlangeMotion
@@ -14,6 +15,8 @@ from ur5_twin.sensing.signals import Signals
 
 #: Moments about the flange's origin that no payload of a UR5 exceeds, kg m^2: what is not excited stays finite.
 LARGEST_INERTIA = 0.5
+#: How far the mass of a link may be off, one standard deviation, share.
+LINK_MASS_OFF = 0.05
 #: A mass that is none, kg.
 _NOTHING = 1e-3
 
@@ -76,6 +79,18 @@ def likeliest(phi: np.ndarray, covariance: np.ndarray) -> Body | None:
     if len(phi) == 10:
         return body.nearest_body(phi, covariance)
     return body.ball(float(phi[0]), phi[1:4] / phi[0])
+
+
+def mass_columns(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """(n, 6, 5) torque by shares of the masses of links 2 to 6 in a motion (n, 6); what joint 1 turns tells no mass."""
+    bare = Dynamics(model).inverse(q, qd, qdd)
+    columns = np.empty((*q.shape, N_JOINTS - 1))
+    for k in range(1, N_JOINTS):
+        links = list(model.links)
+        links[k] = replace(links[k], mass=2.0 * links[k].mass, inertia=2.0 * links[k].inertia)
+        # Linear in the mass, so that twice of it tells the slope.
+        columns[:, :, k - 1] = Dynamics(replace(model, links=tuple(links))).inverse(q, qd, qdd) - bare
+    return columns
 
 
 def load_columns(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

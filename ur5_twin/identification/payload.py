@@ -26,7 +26,7 @@ from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.drives import terms
 from ur5_twin.errors import IdentificationError
 from ur5_twin.identification import body, spread
-from ur5_twin.identification.load import LARGEST_INERTIA, Load, likeliest, load_columns
+from ur5_twin.identification.load import LARGEST_INERTIA, LINK_MASS_OFF, Load, likeliest, load_columns, mass_columns
 from ur5_twin.identification.servo import external_torque
 from ur5_twin.recording.force_sensor import FT_DELAY
 from ur5_twin.recording.table import Recording
@@ -44,7 +44,7 @@ _FRICTION_OFF, _FRICTION_BESIDE, _LOAD_BESIDE = 0.25, 0.1, 0.002
 #: Errors beyond so many standard deviations count less: somebody touched the arm.
 _HUBER = 2.0
 #: How far the arm's own numbers may be off, one standard deviation, shares: masses of links 2 to 6, rotors' inertias.
-_ARM_OFF = np.concatenate([np.full(5, 0.05), np.full(6, 0.05)])
+_ARM_OFF = np.concatenate([np.full(5, LINK_MASS_OFF), np.full(6, 0.05)])
 #: Orders of the ripple, periods a revolution, and with which delay and lag a current shows it, s (docs/drive.md).
 _ORDERS, _DELAY, _LAG = (202, 404), 0.005, 0.002
 #: Ripple of another phase, A: no prior knowledge.
@@ -362,13 +362,8 @@ def _weights(rows: _Rows, error: np.ndarray, blocks: int) -> np.ndarray:
 
 def _arm_columns(plant: ArmModel, q: np.ndarray, ride: terms.Ride) -> np.ndarray:
     """(n, 6, 11) torque by shares that the masses of links 2 to 6 and the rotors' inertias are off."""
-    bare = Dynamics(plant).inverse(q, ride.qd, ride.qdd)
     columns = np.zeros((*q.shape, _ARM_OFF.size))
-    for k in range(1, N_JOINTS):
-        links = list(plant.links)
-        links[k] = replace(links[k], mass=2.0 * links[k].mass, inertia=2.0 * links[k].inertia)
-        # Linear in the mass, so that twice of it tells the slope.
-        columns[:, :, k - 1] = Dynamics(replace(plant, links=tuple(links))).inverse(q, ride.qd, ride.qdd) - bare
+    columns[:, :, : N_JOINTS - 1] = mass_columns(plant, q, ride.qd, ride.qdd)
     joints = np.arange(N_JOINTS)
     columns[:, joints, N_JOINTS - 1 + joints] = plant.rotor_inertia * ride.qdd
     return columns

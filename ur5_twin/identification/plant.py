@@ -9,8 +9,8 @@ squares. None of J_r, coulomb, load, viscous and friction at standstill is negat
 all joints have one delay, the least that fits.
 
 Intervals are those of least squares with errors that are correlated within a second (a sandwich over blocks, Student's
-t with a block a degree of freedom), carried to the numbers of the law by their derivatives. They hold for the noise,
-not for a law that is wrong.
+t with a block a degree of freedom), carried to the numbers of the law by their derivatives. They contain what windows
+bias (``plant_solve``) beside the noise, not a law that is wrong.
 
 Torque constant and rotor inertia of a joint come apart only where the links' torque is not in step with the joint's own
 acceleration: by gravity, or by an inertia that changes. Where they do not (joint 6 with nothing off its axis) the rotor
@@ -18,7 +18,8 @@ inertia is taken as known, since a controller says its own in target_moment (``i
 says so.
 
 Something unknown on the flange may be sought beside all this (``plant_payload``): joints and payload are then fitted in
-turn until neither changes, and the intervals of both contain what the other leaves open.
+turn until neither changes, and the intervals of both contain what the other leaves open. Those of the payload contain
+that the links' masses are known to 5 % only; the joints' numbers are those beside the masses as given, as ever.
 """
 
 from __future__ import annotations
@@ -143,13 +144,14 @@ def fit_plant(
     usual |= {"torque_constant": base.torque_constant, "rotor_inertia": rotor_inertia}
     _check(motions)
     carried, notes = None, _silent(motions)
-    if all(one.payload.shape[-1] for one in motions):
+    if all(one.sought.shape[-1] for one in motions):
         carried = _Carried.sought(motions, base, given, usual)
-        delay = _delay([one.carrying(carried.step.phi) for one in motions], base)
+        delay = _delay([one.carrying(carried.step.numbers) for one in motions], base)
         late = [one.late(delay) for one in motions]
-        carried = _Carried.sought(late, base, given, usual, carried.step.phi)
+        carried = _Carried.sought(late, base, given, usual, carried.step.numbers)
         if carried.body is not None:
             late = [one.carrying(carried.body.phi) for one in late]
+            notes.extend(_doubt(carried.load))
         else:
             notes.append("the mass at the flange cannot be told from none at 95 %, and counts as none")
     else:
@@ -184,6 +186,17 @@ def fit_plant(
         notes=(*notes, *(note for joint in joints for note in joint.notes)),
         payload=None if carried is None else carried.load,
     )
+
+
+def _doubt(load: Load) -> list[str]:
+    """A sentence if a payload is where none can hang."""
+    center, std = load.center
+    if center[2] + 2.0 * std[2] > 0.0:
+        return []
+    return [
+        "the payload's centre is behind the flange, where nothing can hang: its weight is what the law leaves of the "
+        "arm's own; give logs without the payload (--bare)"
+    ]
 
 
 def _windows(motions: Sequence[Motion], j: int, base: JointDrives) -> Windows:
@@ -320,20 +333,20 @@ class _Carried:
         base: JointDrives,
         given: Mapping[str, np.ndarray],
         usual: Mapping[str, np.ndarray],
-        phi: np.ndarray | None = None,
+        numbers: np.ndarray | None = None,
     ) -> _Carried:
         """Payload and joints in turn, from an estimate or from the base's numbers for the joints."""
-        if phi is None:
+        if numbers is None:
             joints = []
             for j in range(N_JOINTS):
                 w = _windows(motions, j, base)
                 joints.append((w, solve(w, {name: float(values[j]) for name, values in usual.items()})))
-            phi = step(np.zeros(10), joints).phi
+            numbers = step(np.zeros(motions[0].sought.shape[-1]), joints).numbers
         for _ in range(_ROUNDS):
-            carrying = [one.carrying(phi) for one in motions]
+            carrying = [one.carrying(numbers) for one in motions]
             joints = [_joint(_windows(carrying, j, base), j, given, usual) for j in range(N_JOINTS)]
-            now = step(phi, [(joint.windows, joint.solved) for joint in joints])
-            phi = now.phi
+            now = step(numbers, [(joint.windows, joint.solved) for joint in joints])
+            numbers = now.numbers
             if now.done:
                 break
         return cls(now, joints)

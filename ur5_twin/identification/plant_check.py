@@ -14,7 +14,7 @@ from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.errors import IdentificationError, ReplayError
 from ur5_twin.identification.plant import PlantFit, fit_plant
-from ur5_twin.identification.plant_windows import SLOWEST, Motion
+from ur5_twin.identification.plant_windows import BODY, SLOWEST, Motion
 from ur5_twin.recording.table import Recording
 from ur5_twin.twin.replay import ReplaySettings, replay
 from ur5_twin.twin.setup import carrying
@@ -79,7 +79,7 @@ def unseen(
 
 
 def _predicted(recording: Recording, of: Motion, fit: PlantFit, base: ArmModel, drives: JointDrives) -> Unseen:
-    body = fit.carried if of.payload.any() else None
+    body = fit.carried if of.sought[:, :, :BODY].any() else None
     if body is not None:
         of, base = fit.loaded(of), carrying(base, body.mass, body.center, body.inertia)
     fitted = replace(base, rotor_inertia=fit.values["rotor_inertia"])

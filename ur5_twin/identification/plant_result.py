@@ -73,7 +73,8 @@ def plant_result(
         *([] if fit.payload is None else ["beyond the tool the flange carries: " + ", ".join(words(fit.payload))]),
         *fit.notes,
         "known and not fitted: masses and centres of the links and of --tool, offset, presliding and warming; an "
-        "offset counts as friction that differs with the direction; viscous friction is that of these logs' temperature",
+        "offset counts as friction that differs with the direction; viscous friction is that of these logs' "
+        "temperature",
     ]  # fmt: skip
     if not unseen:
         findings.append("one log cannot check itself: give more of them to see how a fit predicts what it has not seen")

@@ -25,13 +25,15 @@ from ur5_twin.arm.parameters import N_JOINTS, ArmModel
 from ur5_twin.control.target_current import TargetCurrentLaw, load_target_current_law
 from ur5_twin.control.tcp_force import last_known, viscous_ratio
 from ur5_twin.errors import IdentificationError
-from ur5_twin.identification.load import load_columns
+from ur5_twin.identification.load import load_columns, mass_columns
 from ur5_twin.recording.table import Recording
 
 #: Slowest speed of a row in a window, rad/s: a joint has left its presliding (0.1 mrad) 3 ms after it turned round.
 SLOWEST = 0.03
 #: Rows of a window and from one to the next.
 LENGTH, HOP = 16, 4
+#: Numbers of a payload, the first of what is sought.
+BODY = 10
 #: s within which errors are taken for correlated.
 BLOCK = 1.0
 _NEEDED = ("actual_q", "actual_qd", "actual_current")
@@ -54,8 +56,8 @@ class Motion:
         link: torque that the links need, without the rotors', Nm.
         ratio: viscous friction over its mean, by the controller's correction for the drive's temperature.
         current: A.
-        payload: (n, 6, 10) torque of an unknown payload by its ten numbers (``identification.body``), Nm, zeros where
-            it did not hang; (n, 6, 0) if none is sought.
+        sought: (n, 6, 15) torque of an unknown payload by its ten numbers (``identification.body``), zeros where it did
+            not hang, and by shares of the masses of links 2 to 6, Nm; (n, 6, 0) if no payload is sought.
     """
 
     source: str
@@ -67,15 +69,17 @@ class Motion:
     link: np.ndarray
     ratio: np.ndarray
     current: np.ndarray
-    payload: np.ndarray
+    sought: np.ndarray
 
-    def carrying(self, phi: np.ndarray) -> Motion:
-        """The motion with a payload of ten numbers (10,) on the links."""
-        return replace(self, link=self.link + self.payload @ phi)
+    def carrying(self, numbers: np.ndarray) -> Motion:
+        """The motion with a payload of ten numbers (10,) on the links, or with all that is sought (15,)."""
+        return replace(self, link=self.link + self.sought[:, :, : len(numbers)] @ numbers)
 
     def bare(self) -> Motion:
         """The motion as one in which the payload that is sought did not hang."""
-        return replace(self, payload=np.zeros_like(self.payload))
+        sought = self.sought.copy()
+        sought[:, :, :BODY] = 0.0
+        return replace(self, sought=sought)
 
     def late(self, seconds: float) -> Motion:
         """The motion as a current shows it that is reported ``seconds`` late, at most one row."""
@@ -86,7 +90,7 @@ class Motion:
         def before(x: np.ndarray) -> np.ndarray:
             return (1.0 - share) * x + share * np.concatenate([x[:1], x[:-1]])
 
-        moved = {name: before(getattr(self, name)) for name in ("q", "qd", "qdd", "link", "ratio", "payload")}
+        moved = {name: before(getattr(self, name)) for name in ("q", "qd", "qdd", "link", "ratio", "sought")}
         return replace(self, joined=self.joined & np.concatenate([[False], self.joined[:-1]]), **moved)
 
 
@@ -131,7 +135,9 @@ def motion(
         current[1:] -= 0.5 * np.diff(forward, axis=0)
     without_rotors = Dynamics(replace(model, rotor_inertia=np.zeros(N_JOINTS)))
     link = without_rotors.inverse(q, qd, qdd)
-    sought = load_columns(model, q, qd, qdd) if payload else np.empty((*q.shape, 0))
+    sought = np.empty((*q.shape, 0))
+    if payload:
+        sought = np.concatenate([load_columns(model, q, qd, qdd), mass_columns(model, q, qd, qdd)], axis=2)
     return Motion(recording.source, time, joined, q, qd, qdd, link, ratio, current, sought)
 
 
@@ -150,7 +156,8 @@ class Windows:
         forward, backward: (n,) the direction's share, 1 and -1 or 0.
         viscous: (n,) ratio qd, rad/s.
         ripple: (n, 2 per order) cosine and sine.
-        payload, payload_load: (n, 10) derivatives of link and load in the numbers of a payload; (n, 0) without one.
+        sought, sought_load: (n, 15) derivatives of link and load in what is sought of payload and masses; (n, 0) if
+            nothing is.
         rows: the rows (n, LENGTH) of qd that a window is of, for friction that fades with speed.
     """
 
@@ -165,8 +172,8 @@ class Windows:
     backward: np.ndarray
     viscous: np.ndarray
     ripple: np.ndarray
-    payload: np.ndarray
-    payload_load: np.ndarray
+    sought: np.ndarray
+    sought_load: np.ndarray
     rows: np.ndarray
 
     def at(self, which: np.ndarray) -> Windows:
@@ -223,7 +230,7 @@ def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
     def mean_of_rate(x: np.ndarray) -> np.ndarray:
         return np.moveaxis(x[index[:, 1:-1]], 1, -1) @ (_SHAPE / _SHAPE.sum())
 
-    link, payload = of.link[:, joint], of.payload[:, joint]
+    link, sought = of.link[:, joint], of.sought[:, joint]
     return Windows(
         speed=mean(qd),
         block=((of.time[index[:, 0]] - of.time[0]) // BLOCK).astype(int),
@@ -237,7 +244,7 @@ def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
         backward=mean(-1.0 * (sign < 0)),
         viscous=mean(of.ratio[:, joint] * qd),
         ripple=np.stack([mean(wave) for wave in waves], axis=1) if waves else np.empty((len(index), 0)),
-        payload=mean_of_rate(payload),
-        payload_load=mean_of_rate((np.sign(link) * sign)[:, None] * payload),
+        sought=mean_of_rate(sought),
+        sought_load=mean_of_rate((np.sign(link) * sign)[:, None] * sought),
         rows=qd[index],
     )
