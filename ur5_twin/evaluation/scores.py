@@ -151,7 +151,8 @@ def regimes_of(
 
     ``still`` no target moves; ``moving`` one does; ``reversing`` one has turned round within 0.25 s;
     ``near_singularity`` the Jacobian's smallest singular value is below 0.1; ``touched`` something acts on the arm,
-    ``untouched`` nothing does; ``beyond_tool`` it acts elsewhere than at the tool.
+    ``untouched`` nothing does; ``beyond_tool`` it acts elsewhere than at the tool. The first four come with
+    ``_touched`` too: where nothing acts, an estimate of nothing lies in any interval.
 
     Args:
         truth: row for row.
@@ -167,11 +168,15 @@ def regimes_of(
         turns = rows[1:][np.sign(target_qd[rows[1:], j]) != np.sign(target_qd[rows[:-1], j])]
         for row in turns:
             reversing |= np.abs(truth.time - truth.time[row]) < _TURNING
-    found = {
+    motion = {
         "still": still,
         "moving": ~still,
         "reversing": reversing,
         "near_singularity": sigma_min < NEAR_SINGULARITY,
+    }
+    found = {
+        **motion,
+        **{f"{name}_touched": rows & truth.touched for name, rows in motion.items()},
         "touched": truth.touched,
         "untouched": ~truth.touched,
     }
