@@ -358,6 +358,11 @@ def test_outputs_by_the_names_of_the_first_series(controller: VirtualController)
     assert said[:3] == ["TrueTrue", "FalseTrue", "False"]
     assert "no tool output 2" in said[3]
     assert controller.outputs == 2 + (1 << 17)
+    # As python-urx sends it; a list of that name is a list.
+    assert go(controller, "digital_out[2]=True\ndigital_out[1]=False") == []
+    assert controller.outputs == 4 + (1 << 17)
+    assert go(controller, "digital_out = [1, 2]\ndigital_out[0] = 5\ntextmsg(digital_out)") == ["[5, 2]"]
+    assert controller.outputs == 4 + (1 << 17)
 
 
 def test_registers_both_ways(controller: VirtualController) -> None:

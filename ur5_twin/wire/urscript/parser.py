@@ -59,6 +59,8 @@ class _Parser:
         self._kinds, self._words, self._fixed, self._lines = found.kinds, found.words, found.fixed, found.lines
         self._at = 0
         self._depth = 0
+        #: Names that have been assigned to so far.
+        self._assigned: set[str] = set()
         #: Whether here is a place for ``break``, and for ``continue``.
         self._may_break = self._may_continue = False
 
@@ -166,6 +168,7 @@ class _Parser:
             case "global" | "local":
                 self._at += 1
                 name = Name(line, self._name())
+                self._assigned.add(name.name)
                 self._expect("=")
                 return Assign(line, word, name, self._expression())
         begin = self._at
@@ -174,6 +177,12 @@ class _Parser:
             if not isinstance(value, Name | Index | Member):
                 raise self._error("the end of the statement")
             self._at += 1
+            match value:
+                case Index(of=Name(name="digital_out"), indices=(number,)) if "digital_out" not in self._assigned:
+                    # The first controllers' way to set an output.
+                    return Evaluate(line, Call(line, "set_digital_out", (number, self._expression())))
+                case Name(name=name):
+                    self._assigned.add(name)
             return Assign(line, "", value, self._expression())
         if not isinstance(value, Call | Run):
             self._at = begin
