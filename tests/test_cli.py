@@ -129,6 +129,11 @@ def test_an_output_folder_that_cannot_be_one_is_refused_first(run: Run, lab_logs
     assert code == 2
     assert "taken is a file" in err
     assert Path("taken").read_text() == "mine"
+    # Before the logs are read, and also where it is on the way.
+    for command in (("identify", "plant", "nowhere"), ("estimate", "nowhere"), ("run", "press_plate")):
+        code, _, err = run(*command, "--out", "taken/within")
+        assert code == 2
+        assert "'--out' / '-o': taken is a file; give a folder" in err
     log = lab_logs / "Movement_No3_Acc"
     code, _, err = run("replay", log, "--out", log / "csv_files")
     assert code == 2

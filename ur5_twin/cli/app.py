@@ -19,6 +19,7 @@ from ur5_twin.cli.common import (
     quiet_engine,
     replay_settings,
     shipped,
+    writable,
 )
 from ur5_twin.errors import TwinError
 from ur5_twin.terminal import progress
@@ -211,7 +212,8 @@ def replay(
         ),
     ] = Mode.servo,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the log>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/<name of the log>.", callback=writable),
     ] = None,
     rerun: Annotated[
         bool | None,
@@ -272,7 +274,8 @@ def run(
         typer.Option(help="The devices: a preset's name or a TOML ('identify sensor'). Default: the scenario's."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/<name of the scenario>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/<name of the scenario>.", callback=writable),
     ] = None,
     rerun: Annotated[
         bool | None,
@@ -366,7 +369,9 @@ def fetch(
     source: Annotated[
         str | None, typer.Option("--from", help="Another git URL, a local clone, or a folder that holds the logs.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to put them in.")] = Path("lab_logs"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to put them in.", callback=writable)] = Path(
+        "lab_logs"
+    ),
 ) -> None:
     """Fetch public logs of a real UR5, at a pinned commit, and check every file."""
     from ur5_twin.fetch import fetch as run

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ur5_twin.cli.common import quiet_engine
+from ur5_twin.cli.common import quiet_engine, writable
 from ur5_twin.terminal import progress
 
 EXAMPLES = """[bold]Examples[/bold]
@@ -52,7 +52,8 @@ def benchmark(
         typer.Option(help="Folder of the lab's logs: compare the order of estimators with that on the real runs."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/benchmark-<suite>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/benchmark-<suite>.", callback=writable),
     ] = None,
 ) -> None:
     """Run estimators on simulated contacts with arms that differ from the one they know, and rank them.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import signal
 import sys
@@ -10,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import typer
 
 from ur5_twin.terminal import progress
 
@@ -36,6 +39,22 @@ def read_all(logs: list[Path], repair: bool) -> list[Recording]:
             recordings.append(read(shipped(path), repair=repair))
             advance(done)
     return recordings
+
+
+def writable(path: Path | None) -> Path | None:
+    """An output folder as it was given, if it is one or can be made: said before the work, not after it.
+
+    Raises:
+        typer.BadParameter: something on the way to it is a file, or may not be written to.
+    """
+    if path is None:
+        return None
+    there = next(folder for folder in (path, *path.parents, Path("/")) if folder.exists())
+    if not there.is_dir():
+        raise typer.BadParameter(f"{there} is a file; give a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise typer.BadParameter(f"{there} may not be written to; give another folder")
+    return path
 
 
 def quiet_engine() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ur5_twin.cli.common import complete_tools, shipped
+from ur5_twin.cli.common import complete_tools, shipped, writable
 from ur5_twin.terminal import progress
 
 if TYPE_CHECKING:
@@ -78,7 +78,8 @@ def estimate(
         Path | None, typer.Option(help="TOML of gains and levels. Default: models/estimators.toml.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/estimate-<name of the log>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/estimate-<name of the log>.", callback=writable),
     ] = None,
     rerun: Annotated[
         bool | None,

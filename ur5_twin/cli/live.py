@@ -17,6 +17,7 @@ from ur5_twin.cli.common import (
     quiet_engine,
     replay_settings,
     stop_signals,
+    writable,
 )
 
 if TYPE_CHECKING:
@@ -117,7 +118,8 @@ def live(
         str | None, typer.Option(help="Show it in a viewer elsewhere: rerun+http://HOST:9876/proxy.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/live-<host>-<date>-<time>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/live-<host>-<date>-<time>.", callback=writable),
     ] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Keep the whole recording.")] = True,
     keep: Annotated[float, typer.Option(min=0.1, max=60.0, help="Minutes that are kept in memory.")] = 2.0,
@@ -184,8 +186,6 @@ def _folder(out: Path | None, name: str) -> Path:
     from ur5_twin.recording.reading import JOURNAL_FILE, RECORDING_FILE
 
     folder = out if out is not None else Path("out") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    if folder.exists() and not folder.is_dir():
-        raise RecordingError(f"--out {folder} is a file; give a folder")
     for file in (RECORDING_FILE, JOURNAL_FILE):
         if (folder / file).exists():
             raise RecordingError(f"{folder / file} exists already, and what was measured is never written over")

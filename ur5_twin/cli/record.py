@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ur5_twin.cli.common import command_line, stop_signals
+from ur5_twin.cli.common import command_line, stop_signals, writable
 
 if TYPE_CHECKING:
     from ur5_twin.live.motion_file import MotionFile
@@ -68,7 +68,8 @@ def record(
         typer.Option(min=0.1, help="Stop after this many seconds. Default: Ctrl-C, or the end of --program."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output folder. Default: out/record-<date>-<time>.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder. Default: out/record-<date>-<time>.", callback=writable),
     ] = (None),
 ) -> None:
     """Record what is connected: robot, force sensor, accelerometer, each with its own time stamps.

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.options import Logs, Repair, error_figure, write_result
+from ur5_twin.cli.identify.options import Logs, Out, Repair, error_figure, write_result
 
 
 def identify_controller(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller"),
+    out: Out = Path("out/controller"),
     repair: Repair = False,
 ) -> None:
     """Find the model your controller linearises with, from its target_moment.
@@ -33,7 +30,7 @@ def identify_controller(
 
 def identify_controller_current(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/controller-current"),
+    out: Out = Path("out/controller-current"),
     repair: Repair = False,
 ) -> None:
     """Find how your controller's target_current follows from its target_moment and target_qd.

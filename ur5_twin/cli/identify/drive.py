@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.options import Logs, Repair, write_result
+from ur5_twin.cli.identify.options import Logs, Out, Repair, write_result
 from ur5_twin.terminal import progress
 
 
@@ -27,7 +27,7 @@ def identify_drive(
         typer.Option(help="[bold]map[/bold]: ours. [bold]thesis[/bold]: its two-step method, (6.1) to (6.6)."),
     ] = DriveMethod.map,
     tool: Annotated[str, typer.Option(help="What hung on the flange, as 'replay' takes it.")] = "none",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/drive"),
+    out: Out = Path("out/drive"),
     repair: Repair = False,
 ) -> None:
     """Find your arm's torque constants, friction and ripple from logs of free motion.

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, complete_models, complete_tools, quiet_engine, read_all
-from ur5_twin.cli.identify.options import Repair, write_result
+from ur5_twin.cli.identify.options import Out, Repair, write_result
 from ur5_twin.terminal import progress
 
 EXCITE_EXAMPLES = """[bold]Examples[/bold]
@@ -91,7 +91,7 @@ def identify_excite(
     ] = 0.01,
     seed: Annotated[int, typer.Option(min=0, help="Of the search; the same seed gives the same files.")] = 0,
     beside: Annotated[list[Path] | None, typer.Option(help="A log whose motion to compare with; any number.")] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/excite"),
+    out: Out = Path("out/excite"),
     repair: Repair = False,
 ) -> None:
     """Find a motion that tells what you want to identify, within your limits, and try it in the twin first.
@@ -102,14 +102,11 @@ def identify_excite(
     import numpy as np
 
     from ur5_twin.atomic import write_text
-    from ur5_twin.errors import IdentificationError
     from ur5_twin.identification import excite, excite_search
     from ur5_twin.identification.excite_trial import PLAIN, plain_file
     from ur5_twin.identification.workspace import START
     from ur5_twin.views.excitation import draw_excitation
 
-    if out.exists() and not out.is_dir():
-        raise IdentificationError(f"--out {out} is a file; give a folder")
     quiet_engine()
     walls = np.array([[-np.inf, np.inf]] * 3) if box is None else np.reshape(box, (3, 2))
     request = excite.Request(

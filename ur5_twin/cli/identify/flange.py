@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, complete_models, complete_tools, read_all
-from ur5_twin.cli.identify.options import Logs, Repair, error_figure, write_result
+from ur5_twin.cli.identify.options import Logs, Out, Repair, error_figure, write_result
 from ur5_twin.terminal import progress
 
 
@@ -66,7 +66,7 @@ def identify_payload(
         str, typer.Option(autocompletion=complete_models, help="The controller's own model, for target_moment.")
     ] = "controller",
     joints: Annotated[str, typer.Option(help="Drives to begin with: 'plant' or a TOML of 'identify drive'.")] = "plant",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/payload"),
+    out: Out = Path("out/payload"),
     repair: Repair = False,
 ) -> None:
     """Find mass, mass centre and, where a log tells, inertia of what hangs on the flange.
@@ -109,7 +109,7 @@ def identify_sensor(
         str, typer.Option(help="Devices whose numbers are kept where the logs tell none: a preset or a TOML.")
     ] = "lab",
     plant: Annotated[str, typer.Option(autocompletion=complete_models, help="The arm's links and rotors.")] = "plant",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/sensor"),
+    out: Out = Path("out/sensor"),
     repair: Repair = False,
 ) -> None:
     """Find how force sensor and IMU are mounted, what they read without load, and how their clocks run.

@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.options import Logs, Repair
+from ur5_twin.cli.identify.options import Logs, Out, Repair
 from ur5_twin.terminal import progress
 
 
 def identify_noise(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/noise"),
+    out: Out = Path("out/noise"),
     sensors: Annotated[str, typer.Option(help="Simulated devices: a preset's name or a TOML.")] = "lab",
     seed: Annotated[int, typer.Option(min=0, help="Of the simulated noise.")] = 0,
     repair: Repair = False,

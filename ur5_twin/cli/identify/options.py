@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ur5_twin.cli.common import writable
+
 if TYPE_CHECKING:
     from ur5_twin.identification.results import Result
 
@@ -39,6 +41,7 @@ ur5-twin run free_motion --sensors out/sensor/sensors.toml
 """
 
 Logs = Annotated[list[Path], typer.Argument(help="Logs, as 'replay' takes them. More logs, more to check against.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.", callback=writable)]
 Repair = Annotated[bool, typer.Option("--repair", help="Repair what is broken in a log and report it.")]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ur5_twin.cli.common import command_line, quiet_engine, read_all
-from ur5_twin.cli.identify.options import Logs, Repair, error_figure, write_result
+from ur5_twin.cli.identify.options import Logs, Out, Repair, error_figure, write_result
 from ur5_twin.terminal import progress
 
 
@@ -39,7 +39,7 @@ def identify_plant(
     base: Annotated[
         str, typer.Option(help="Model whose links are known, and whose numbers stand where the logs tell nothing.")
     ] = "plant",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/plant"),
+    out: Out = Path("out/plant"),
     repair: Repair = False,
 ) -> None:
     """Find your arm's rotor inertias, torque constants, friction and ripple from measured motion and currents.

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ur5_twin.cli.common import command_line, read_all
-from ur5_twin.cli.identify.options import Logs, Repair, write_result
+from ur5_twin.cli.identify.options import Logs, Out, Repair, write_result
 from ur5_twin.terminal import progress
 
 
 def identify_servo(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("out/servo"),
+    out: Out = Path("out/servo"),
     repair: Repair = False,
 ) -> None:
     """Find your servo's gains: from logs of pushes at standstill, from tracking errors of moving ones, or both.
