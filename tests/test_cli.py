@@ -397,6 +397,17 @@ def test_a_seed_changes_the_noise_and_not_the_motion(run: Run) -> None:
     np.testing.assert_array_equal(one["truth_q"], two["truth_q"])
 
 
+def test_a_run_that_is_touched_in_two_places_at_once_can_be_judged(run: Run) -> None:
+    # A collision at 0.25 m/s, in which the tool touches in two places.
+    code, _, _ = run("run", "collide_025", *_QUIET, "--out", "out")
+    assert code == 0
+    contact = read(Path("out")).tables["contact"]
+    assert (np.diff(contact.time) == 0.0).any()
+    code, _, err = run("estimate", "out", "--estimator", "controller", "--no-rerun", "--out", "judged")
+    assert code == 0, err
+    assert Path("judged/report.json").exists()
+
+
 def test_a_run_that_nothing_touches_can_be_replayed(run: Run) -> None:
     motions = Path("free.toml")
     text = _SHORT.format(top="", joint_6="95.0", force="[0.0, 0.0, 1.0]", more="")

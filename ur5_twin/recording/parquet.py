@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 MAGIC = b"PAR1"
 KEY = "ur5_twin"
 SCHEMA = 1
-#: Devices whose clocks may repeat stamps.
-_SENSORS = ("ft", "imu")
+#: Tables that may repeat stamps: sensors' clocks do, and several things may touch the arm at once.
+_REPEATING = ("ft", "imu", "contact")
 
 
 class _Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -134,7 +134,7 @@ def read_parquet(path: Path, *, repair: bool = False) -> Recording:
                 )
             notes.append(Note(where, "the numbers differ from their checksum: taken as they are", True))
         rows = np.arange(start, start + device.rows) + 1
-        table, found = checks.settle(table, where, rows, repair=repair, repeats=device.name in _SENSORS)
+        table, found = checks.settle(table, where, rows, repair=repair, repeats=device.name in _REPEATING)
         notes.extend(found)
         tables[device.name] = table
         start += device.rows
