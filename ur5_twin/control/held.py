@@ -10,6 +10,22 @@ import numpy as np
 BRAKING = 1e-2
 
 
+#: A target that jumps this far, and to within this of where the arm was measured, was given up, rad.
+_JUMP, _AT_ARM = 0.1, 5e-3
+
+
+def given_up(before: np.ndarray, target_q: np.ndarray, actual_q: np.ndarray) -> np.ndarray:
+    """(n,) whether the controller gave up its path, as in a protective stop: target_q jumps to where the arm is.
+
+    Args:
+        before: (n, 6) target_q a row earlier, rad.
+        target_q: (n, 6) rad.
+        actual_q: (n, 6) measured a row earlier, which an idle controller publishes as target_q.
+    """
+    jumps = np.abs(target_q - before).max(axis=-1) > _JUMP
+    return jumps & (np.abs(target_q - actual_q).max(axis=-1) < _AT_ARM)
+
+
 def commanded(target: np.ndarray, begins: np.ndarray | None = None) -> np.ndarray:
     """Targets (n, 3, 6) as the servo holds them, from the ones that are published.
 

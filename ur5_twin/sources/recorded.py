@@ -7,7 +7,7 @@ from itertools import repeat
 
 import numpy as np
 
-from ur5_twin.control.held import commanded
+from ur5_twin.control.held import commanded, given_up
 from ur5_twin.errors import ReplayError
 from ur5_twin.recording.table import Recording
 from ur5_twin.twin.lockstep import LONGEST_GAP
@@ -47,9 +47,10 @@ class RecordedSource:
         self._targets = repeat(None)
         if not self.missing_targets:
             targets = np.stack([robot[name] for name in _TARGETS], axis=1)
-            # The twin starts again after a silence, from what is published then.
-            silent = np.diff(robot.time, prepend=robot.time[0]) > LONGEST_GAP
-            self._targets = commanded(targets, silent) if held else targets
+            # The twin starts again after a silence or a path given up, from what is published then.
+            begins = np.diff(robot.time, prepend=robot.time[0]) > LONGEST_GAP
+            begins[1:] |= given_up(targets[:-1, 0], targets[1:, 0], self._q[:-1])
+            self._targets = commanded(targets, begins) if held else targets
         self._wrench = repeat(None) if wrench is None else wrench
         self._current = robot["actual_current"] if "actual_current" in robot else repeat(None)
 

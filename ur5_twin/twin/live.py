@@ -9,7 +9,7 @@ import numpy as np
 from ur5_twin.arm import kinematics
 from ur5_twin.arm.drive import LinearDrive
 from ur5_twin.arm.dynamics import Dynamics
-from ur5_twin.control.held import Held
+from ur5_twin.control.held import Held, given_up
 from ur5_twin.errors import ReplayError, SimulationError
 from ur5_twin.twin.lockstep import LONGEST_GAP
 from ur5_twin.twin.replay import ReplaySettings, new_twin, target_columns
@@ -29,7 +29,7 @@ class LiveTwin:
             map needs the whole log.
 
     Attributes:
-        restarts: how often it began again after a silence.
+        restarts: how often it began again after a silence or a path given up.
         failures: how often because the simulation failed.
         failure: why it did so last.
 
@@ -46,6 +46,8 @@ class LiveTwin:
         self._believed = Dynamics(settings.model)
         self._held = Held()
         self._last: float | None = None
+        #: target_q and actual_q of the row before.
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
         self.restarts = self.failures = 0
         self.failure: str | None = None
 
@@ -71,9 +73,9 @@ class LiveTwin:
         said = {name: np.full((len(time), 6), np.nan) for name in ("q", "qd", "moment", "current")}
         begun_again = np.zeros(len(time), dtype=bool)
         for k, stamp in enumerate(time.tolist()):
-            begun_again[k] = self._last is not None and stamp - self._last > LONGEST_GAP
-            self._last = stamp
             target = None if targets is None else targets[k]
+            begun_again[k] = self._last is not None and (stamp - self._last > LONGEST_GAP or self._given_up(target))
+            self._last, self._before = stamp, None if target is None else (target[0], q[k])
             if self._simulated and target is not None:
                 if begun_again[k]:
                     self._held.forget()
@@ -90,6 +92,11 @@ class LiveTwin:
                 said["current"][k] = predicted.current
         self.restarts += int(begun_again.sum())
         return self._columns(said, begun_again, columns, has_targets)
+
+    def _given_up(self, target: np.ndarray | None) -> bool:
+        if target is None or self._before is None:
+            return False
+        return bool(given_up(self._before[0], target[0], self._before[1]))
 
     def _begin_again(self, why: str) -> None:
         self.failures += 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from ur5_twin.arm.dynamics import Dynamics
 from ur5_twin.arm.parameters import ArmModel
+from ur5_twin.control.held import given_up
 from ur5_twin.errors import ReplayError
 from ur5_twin.twin.closed_loop import REST, ClosedLoop
 from ur5_twin.twin.sample import Prediction, Sample
@@ -30,16 +31,19 @@ class Twin(Protocol):
 class ServoTwin:
     """Servo replay: the closed loop follows the robot's targets and never sees its measured state again.
 
-    It starts at the first measured state, and again after a silence of more than ``LONGEST_GAP`` seconds.
+    It starts at the first measured state, and again after a silence of more than ``LONGEST_GAP`` seconds and where the
+    controller gives up its path (``held.given_up``).
 
     Attributes:
-        restarts: times at which it started again, s.
+        restarts: times at which it started again after a silence, s.
+        stops: times at which it started again where a path was given up, s.
     """
 
     def __init__(self, loop: ClosedLoop) -> None:
         self._loop = loop
         self._last: Sample | None = None
         self.restarts: list[float] = []
+        self.stops: list[float] = []
 
     def tick(self, sample: Sample) -> Prediction:
         """The closed loop's state at ``sample.time``."""
@@ -48,6 +52,9 @@ class ServoTwin:
             self._begin(sample)
         elif (dt := _interval(last, sample)) > LONGEST_GAP:
             self.restarts.append(sample.time)
+            self._begin(sample)
+        elif _given_up(last, sample):
+            self.stops.append(sample.time)
             self._begin(sample)
         elif last.wrench is None or sample.wrench is None:
             self._loop.advance(_target(last), _target(sample), dt)
@@ -79,6 +86,7 @@ class ShadowTwin:
 
     Attributes:
         restarts: times at which a silence of more than ``LONGEST_GAP`` seconds ended, s.
+        stops: times at which the controller gave up its path, s.
     """
 
     def __init__(self, loop: ClosedLoop, model: ArmModel) -> None:
@@ -86,12 +94,17 @@ class ShadowTwin:
         self._dynamics = Dynamics(model)
         self._recent: deque[Sample] = deque(maxlen=_SLOPE_SAMPLES)
         self.restarts: list[float] = []
+        self.stops: list[float] = []
 
     def tick(self, sample: Sample) -> Prediction:
         """One tick's prediction of the state, and the torque that the motion measured at ``sample.time`` needs."""
         last = self._recent[-1] if self._recent else None
         if last is not None and _interval(last, sample) > LONGEST_GAP:
             self.restarts.append(sample.time)
+            self._recent.clear()
+            last = None
+        elif last is not None and _given_up(last, sample):
+            self.stops.append(sample.time)
             self._recent.clear()
             last = None
         predicted = (sample.actual_q.copy(), sample.actual_qd.copy()) if last is None else self._predict(last, sample)
@@ -115,6 +128,12 @@ class ShadowTwin:
         t = np.array([sample.time for sample in self._recent])
         t -= t.mean()
         return t @ np.array([sample.actual_qd for sample in self._recent]) / (t @ t)
+
+
+def _given_up(last: Sample, sample: Sample) -> bool:
+    if last.target is None or sample.target is None:
+        return False
+    return bool(given_up(last.target[0], sample.target[0], last.actual_q))
 
 
 def _target(sample: Sample) -> np.ndarray:

@@ -118,6 +118,7 @@ def replay(
         targets = (robot["target_q"], robot["target_qd"], robot["target_qdd"])
         predicted |= target_columns(Dynamics(settings.model), settings.target_current, *targets)
     begun_again = np.isin(robot.time, twin.restarts)
+    given_up = np.isin(robot.time, twin.stops)
     if begun_again.mean() > _MOST_RESTARTS:
         raise ReplayError(
             f"{recording.source}: the robot is silent for more than {LONGEST_GAP} s before {begun_again.sum()} of "
@@ -125,11 +126,11 @@ def replay(
         )
     # Where the twin begins again it is where the log is, by definition.
     for name in ("sim_actual_q", "sim_actual_qd", "sim_actual_TCP_pose"):
-        predicted[name][begun_again] = np.nan
+        predicted[name][begun_again | given_up] = np.nan
     earlier = {name: values for name, values in robot.columns.items() if not name.startswith("sim_")}
     kept = [note for note in recording.notes if note.where != _NOTED_BY]
     table = replace(robot, columns={**earlier, **predicted})
-    notes = _notes(source, settings.mode, loop, twin.restarts)
+    notes = _notes(source, settings.mode, loop, twin.restarts, twin.stops)
     at_limit = (np.abs(moment) >= settings.model.limits.torque).any(axis=1)
     if settings.mode == "servo" and at_limit.any():
         what = f"a motor of the twin is at its torque limit in {at_limit.sum():,} of {len(robot):,} rows"
@@ -191,13 +192,20 @@ def _measured_wrench(recording: Recording, settings: ReplaySettings) -> np.ndarr
     return np.nan_to_num(force_sensor.measured_wrench(recording, settings.plant, settings.ft_delay)[1], nan=0.0)
 
 
-def _notes(source: RecordedSource, mode: Mode, loop: ClosedLoop, restarts: list[float]) -> list[Note]:
+def _notes(
+    source: RecordedSource, mode: Mode, loop: ClosedLoop, restarts: list[float], stops: list[float]
+) -> list[Note]:
     """What a reader of the report should know of this run."""
     said = []
     if restarts:
         said.append(
             f"the robot was silent for more than {LONGEST_GAP} s {len(restarts)} times, first before "
             f"{restarts[0]:.3f} s: the twin began again from the log there"
+        )
+    if stops:
+        said.append(
+            f"the controller gave up its path {len(stops)} times, as in a protective stop, first at {stops[0]:.3f} s: "
+            "its targets jump to where the arm is, and the twin began again from the log there"
         )
     if mode == "servo" and loop.largest_step.max() > _WORTH_A_NOTE:
         steps = ", ".join(f"{step * 1e3:.2g}" for step in loop.largest_step)
