@@ -134,10 +134,18 @@ def test_an_output_folder_that_cannot_be_one_is_refused_first(run: Run, lab_logs
         code, _, err = run(*command, "--out", "taken/within")
         assert code == 2
         assert "'--out' / '-o': taken is a file; give a folder" in err
+
+
+def test_no_command_writes_into_a_log(run: Run, lab_logs: Path) -> None:
     log = lab_logs / "Movement_No3_Acc"
-    code, _, err = run("replay", log, "--out", log / "csv_files")
-    assert code == 2
-    assert "log's own folder" in err
+    there = sorted(log.rglob("*"))
+    commands = [("replay", log), ("estimate", log), ("identify", "drive", log), ("run", "press_plate")]
+    for command in [*commands, ("record", "127.0.0.1"), ("benchmark",)]:
+        for folder in (log, log / "csv_files", log / "new"):
+            code, _, err = run(*command, "--out", folder)
+            assert code == 2
+            assert f"{folder} lies in a log" in err.replace("\n", " ")
+    assert sorted(log.rglob("*")) == there
 
 
 def test_the_default_folder_does_not_swallow_another_logs_replay(run: Run) -> None:

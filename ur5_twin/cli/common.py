@@ -45,13 +45,18 @@ def writable(path: Path | None) -> Path | None:
     """An output folder as it was given, if it is one or can be made: said before the work, not after it.
 
     Raises:
-        typer.BadParameter: something on the way to it is a file, or may not be written to.
+        typer.BadParameter: something on the way to it is a file, may not be written to, or is a log of the lab's.
     """
     if path is None:
         return None
+    from ur5_twin.recording.lab_layout import holds_log
+
     there = next(folder for folder in (path, *path.parents, Path("/")) if folder.exists())
     if not there.is_dir():
         raise typer.BadParameter(f"{there} is a file; give a folder")
+    for folder in (real := path.resolve(), *real.parents):
+        if holds_log(folder):
+            raise typer.BadParameter(f"{path} lies in a log, {folder.name}; give another folder, logs stay as they are")
     if not os.access(there, os.W_OK | os.X_OK):
         raise typer.BadParameter(f"{there} may not be written to; give another folder")
     return path

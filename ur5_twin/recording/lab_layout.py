@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from ur5_twin.recording.table import COLUMN_WIDTHS
 
@@ -55,6 +56,13 @@ ROBOT_FILES: tuple[RobotFile, ...] = (
 #: Files that no repair can do without: a log without positions is not a log of a motion.
 NEEDED = ("log_q_actual.csv", "log_q_target.csv")
 KNOWN_FILES = frozenset({f.name for f in ROBOT_FILES} | {START_TIME, FT_FILE, FT_START_TIME, IMU_FILE, IMU_START_TIME})
+
+
+def holds_log(folder: Path) -> bool:
+    """Whether a folder is a log in this layout: a movement's, or the one with its files."""
+    inner = folder / CSV_FOLDER
+    within = inner if inner.is_dir() else folder
+    return any((within / name).is_file() for name in KNOWN_FILES)
 
 
 def parts(column: str, width: int) -> tuple[str, ...]:

@@ -49,9 +49,7 @@ def read(path: Path | str, *, repair: bool = False) -> Recording:
 
 def _read_folder(path: Path, repair: bool) -> Recording:
     names = {p.name for p in path.iterdir()}
-    csv_folder = path / lab_layout.CSV_FOLDER
-    lab_names = {p.name for p in csv_folder.iterdir()} if csv_folder.is_dir() else names
-    if lab_names & lab_layout.KNOWN_FILES:
+    if lab_layout.holds_log(path):
         from ur5_twin.recording.lab import read_lab_folder
 
         return read_lab_folder(path, repair=repair)
@@ -61,14 +59,14 @@ def _read_folder(path: Path, repair: bool) -> Recording:
         return read_parquet(path / RECORDING_FILE, repair=repair)
     if JOURNAL_FILE in names:
         return journal.read_settled(path / JOURNAL_FILE, repair=repair)
-    raise RecordingError(f"{path}: {_why_not_a_log(path, names, lab_names)}; give {_FORMATS}")
+    raise RecordingError(f"{path}: {_why_not_a_log(path, names)}; give {_FORMATS}")
 
 
-def _why_not_a_log(path: Path, names: set[str], lab_names: set[str]) -> str:
+def _why_not_a_log(path: Path, names: set[str]) -> str:
     files = sorted(name for name in names if name.endswith((".csv", ".parquet")))
     if files:
         return f"none of the lab's files (log_q_actual.csv, ...) in it; if '{files[0]}' is the log, give that file"
-    if csv := sorted(name for name in lab_names if name.endswith(".csv")):
+    if csv := sorted(found.name for found in path.glob(f"{lab_layout.CSV_FOLDER}/*.csv")):
         return f"no file of the lab's layout (log_q_actual.csv, ...) in this folder, only {csv[0]}"
     movements = sorted(name for name in names if (path / name / lab_layout.CSV_FOLDER).is_dir())
     if movements:

@@ -19,14 +19,11 @@ def output_folder(out: Path | None, recording: Recording, log: Path) -> Path:
     """The folder to write to, by default ``out/<name of the log>``; asked for before any work is done.
 
     Raises:
-        ReplayError: it is a file, lies in the folder of a log of the lab's, or is the default and holds the replay of
-            another log, which would be lost.
+        ReplayError: it is a file, or is the default and holds the replay of another log, which would be lost.
     """
     folder = out if out is not None else Path("out") / recording.source
     if folder.exists() and not folder.is_dir():
         raise ReplayError(f"--out {folder} is a file; give a folder")
-    if recording.format == "lab_csv" and log.is_dir() and folder.resolve().is_relative_to(log.resolve()):
-        raise ReplayError(f"--out {folder} lies in the log's own folder; give another, logs are not written to")
     other = None if out is not None else _replayed_into(folder)
     if other is not None and Path(other).resolve() != log.resolve():
         raise ReplayError(f"{folder} holds the replay of another log ({other}); name a folder with --out")
