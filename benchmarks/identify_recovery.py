@@ -2,11 +2,12 @@
 
     python benchmarks/identify_recovery.py [--seeds 120] [--jobs 2] [--ideal] [--out out/recovery.jsonl]
 
-The twin records 120 s of ``control.excitation`` eight times, with the sensors of the preset "lab" and a load off the
-flange's axis. Each seed draws the noise anew and fits the first recording alone, then all eight; and with the load
-sought the first recording alone, then beside one without the load. Every fourth seed is of a plant whose every number
-differs from the base's that the fit is given. Seeds that are in the file already are not run again; the tables of
-docs/plant.md are printed from all that are. With ``--ideal`` there is no noise: what is left is what the windows bias.
+The twin records 120 s of ``control.excitation`` eight times, with the sensors of the preset "lab" and a known load off
+the flange's axis. Each seed draws the noise anew and fits the first recording alone, then all eight. Two more are of
+the motion for a payload, with one that is sought and with none: the first is fitted alone, then beside the second.
+Every fourth seed is of a plant whose every number differs from the base's that the fit is given. Seeds that are in the
+file already are not run again; the tables of docs/plant.md are printed from all that are. With ``--ideal`` there is no
+noise: what is left is what the windows bias.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import numpy as np
 
 from ur5_twin.arm.drive import JointDrives, load_joint_drives
 from ur5_twin.arm.parameters import ArmModel, load_model
-from ur5_twin.control.excitation import excitation
+from ur5_twin.control.excitation import DRIVES, PAYLOAD, Waves, excitation
 from ur5_twin.control.gains import load_gains
 from ur5_twin.control.target_current import load_target_current_law
 from ur5_twin.evaluation.tables import JOINT_COLUMNS, markdown
@@ -50,8 +51,11 @@ from ur5_twin.twin.telemetry import Telemetry
 DURATION, LOGS = 120.0, 8
 #: Seed of the first recording's motion; it is the one that the excitation was searched with.
 MOTION = 41
-#: The load: 4.4 kg, its centre in the flange frame in m, and 30 mm of gyration.
-BODY = Body(4.4, np.array([0.19, 0.0, 0.05]), 4.4 * 0.03**2 * np.eye(3))
+#: The load that is known: 2.2 kg, its centre in the flange frame in m, and 30 mm of gyration.
+KNOWN = Body(2.2, np.array([0.19, 0.0, 0.05]), 2.2 * 0.03**2 * np.eye(3))
+#: The one that is sought, and none.
+SOUGHT = Body(4.4, np.array([0.19, 0.0, 0.05]), 4.4 * 0.03**2 * np.eye(3))
+NONE = Body(0.0, np.zeros(3), np.zeros((3, 3)))
 #: Every how many seeds the plant is another one, and by how much its numbers spread (logarithm).
 OTHER, SPREAD = 4, 0.15
 #: What was aimed at, share of the truth.
@@ -89,10 +93,10 @@ def other_plant(seed: int) -> tuple[ArmModel, JointDrives]:
     return replace(plant, rotor_inertia=plant.rotor_inertia * spread()), drives
 
 
-def record(plant: ArmModel, drives: JointDrives, number: int) -> tuple[Recording, Signals]:
-    """One recording without sensor noise, and what its noise is to be added to; the ninth is without the load."""
-    rows = excitation(DURATION, seed=MOTION + number)
-    load = (BODY.mass if number < LOGS else 0.0, BODY.center, BODY.inertia)
+def record(plant: ArmModel, drives: JointDrives, body: Body, waves: Waves, seed: int) -> tuple[Recording, Signals]:
+    """One recording without sensor noise, and what its noise is to be added to."""
+    rows = excitation(DURATION, waves, seed=seed)
+    load = (body.mass, body.center, body.inertia)
     setup = Setup(
         controller=carrying(load_model("controller"), *load),
         plant=carrying(plant, *load),
@@ -108,15 +112,21 @@ def record(plant: ArmModel, drives: JointDrives, number: int) -> tuple[Recording
         for piece in cell.advance(rows[begin : begin + 1000]):
             telemetry.observe(piece)
     assert cell.failure is None, cell.failure
-    recording = telemetry.recording(f"excitation {number + 1}")
+    recording = telemetry.recording(f"excitation {seed}")
     robot = recording.robot
     q, qd, qdd, wrench = (robot[name] for name in ("truth_q", "truth_qd", "truth_qdd", "truth_wrench"))
     return recording, Signals(robot.time, q, qd, qdd, robot["actual_current"], wrench)
 
 
+def records_of(plant: ArmModel, drives: JointDrives) -> list[tuple[Recording, Signals]]:
+    """Those with the known load, one with the load that is sought, and one without."""
+    known = [record(plant, drives, KNOWN, DRIVES, MOTION + k) for k in range(LOGS)]
+    return [*known, *(record(plant, drives, body, PAYLOAD, MOTION + k) for k, body in enumerate((SOUGHT, NONE)))]
+
+
 @lru_cache(maxsize=1)
-def usual_records() -> tuple[tuple[Recording, Signals], ...]:
-    return tuple(record(load_model("plant"), load_joint_drives(), k) for k in range(LOGS + 1))
+def usual_records() -> list[tuple[Recording, Signals]]:
+    return records_of(load_model("plant"), load_joint_drives())
 
 
 def one_seed(seed: int, ideal: bool = False) -> dict:
@@ -124,7 +134,7 @@ def one_seed(seed: int, ideal: bool = False) -> dict:
     base_plant, base = load_model("plant"), load_joint_drives()
     differs = seed % OTHER == OTHER - 1
     plant, drives = other_plant(seed) if differs else (base_plant, base)
-    records = [record(plant, drives, k) for k in range(LOGS + 1)] if differs else usual_records()
+    records = records_of(plant, drives) if differs else usual_records()
     suite = load_sensors("lab")
     motions = []
     for k, (recording, clean) in enumerate(records):
@@ -133,12 +143,12 @@ def one_seed(seed: int, ideal: bool = False) -> dict:
         columns = {name: measured[name] for name in ("actual_q", "actual_qd", "actual_current")}
         seen = recording if ideal else recording.with_table(recording.robot.with_columns(columns))
         motions.append(motion(seen, base_plant, payload=True))
-    known = [replace(of.carrying(BODY.phi), sought=of.sought[:, :, :0]) for of in motions[:LOGS]]
-    bare = motions[LOGS].bare()
+    known = [replace(of.carrying(KNOWN.phi), sought=of.sought[:, :, :0]) for of in motions[:LOGS]]
+    loaded, bare = motions[LOGS], motions[LOGS + 1].bare()
     truth = {name: getattr(drives.friction, name) for name in tuple(FIELDS)[2:]}
     truth |= {"torque_constant": drives.torque_constant, "rotor_inertia": plant.rotor_inertia}
     found = {"seed": seed, "other_plant": differs, "truth": {name: truth[name].tolist() for name in FIELDS}}
-    cases = {"one": known[:1], "all": known, "one_sought": motions[:1], "one_bare": [motions[0], bare]}
+    cases = {"one": known[:1], "all": known, "one_sought": [loaded], "one_bare": [loaded, bare]}
     for name, used in cases.items():
         fit = fit_plant(used, base, base_plant.rotor_inertia)
         found[name] = {
@@ -158,7 +168,7 @@ def one_seed(seed: int, ideal: bool = False) -> dict:
 def payload_table(rows: Sequence[dict], which: str, title: str) -> str:
     """Error and coverage of the payload's mass and centre."""
     value, std = (np.array([row[which]["payload"][what] for row in rows]) for what in ("value", "std"))
-    error = value - np.array([BODY.mass, *BODY.center])
+    error = value - np.array([SOUGHT.mass, *SOUGHT.center])
     holds = (np.abs(error) <= NINETY_FIVE * std).mean(axis=0)
     unit = np.array([1.0, 1e3, 1e3, 1e3])
     lines = [

@@ -36,8 +36,8 @@ from ur5_twin.errors import IdentificationError, unknown
 from ur5_twin.identification.body import Body
 from ur5_twin.identification.load import Load
 from ur5_twin.identification.plant_payload import Step, step
-from ur5_twin.identification.plant_solve import FIELDS, Shared, Solution, solve, unexplained
-from ur5_twin.identification.plant_windows import HOP, LENGTH, SLOWEST, Motion, Windows, windows
+from ur5_twin.identification.plant_solve import FADING, FIELDS, Shared, Solution, solve, unexplained
+from ur5_twin.identification.plant_windows import LONG, SLOWEST, Motion, Shape, Windows, windows
 
 #: Least time that a joint must slide in all, s.
 LEAST_SLIDING = 8.0
@@ -47,8 +47,8 @@ _TOLD, _TOLD_INERTIA = 0.15, 0.3
 _ENTANGLED = 0.98
 #: The same for load-dependent friction, Nm/Nm, and for what fades, in shares of Coulomb friction.
 _TOLD_LOAD, _TOLD_FADING = 0.08, 1.0
-#: Windows of slow motion (rad/s) from which on friction's fading is sought.
-_SLOW, _LEAST_SLOW = 0.1, 50
+#: s in windows of slow motion (rad/s) from which on friction's fading is sought.
+_SLOW, _LEAST_SLOW = 0.1, 1.6
 #: Speeds over that of the fading beyond which 0.2 % of it is left.
 _WITHOUT_FADING = 2.5
 _TICK = 0.008
@@ -199,8 +199,8 @@ def _doubt(load: Load) -> list[str]:
     ]
 
 
-def _windows(motions: Sequence[Motion], j: int, base: JointDrives) -> Windows:
-    w = windows(motions, j, base.ripple.order.tolist())
+def _windows(motions: Sequence[Motion], j: int, base: JointDrives, shape: Shape | None = None) -> Windows:
+    w = windows(motions, j, base.ripple.order.tolist(), shape)
     return replace(w, link=w.link - base.offset[j])
 
 
@@ -219,17 +219,17 @@ def sliding(motions: Sequence[Motion]) -> np.ndarray:
 
 
 def _seconds(w: Windows) -> float:
-    return len(w.speed) * HOP * _TICK
+    return len(w.speed) * w.shape.hop * _TICK
 
 
 def _check(motions: Sequence[Motion]) -> None:
     names = ", ".join(one.source for one in motions) or "no logs"
     short, one_way = [], []
     for j in range(N_JOINTS):
-        w = windows(motions, j, ())
+        w = windows(motions, j, (), LONG)
         if _seconds(w) < LEAST_SLIDING:
             short.append(f"joint {j + 1} ({_seconds(w):.1f} s)")
-        elif min((w.speed > 0).sum(), (w.speed < 0).sum()) < LENGTH:
+        elif min((w.speed > 0).sum(), (w.speed < 0).sum()) < LONG.length:
             one_way.append(str(j + 1))
     if short:
         raise IdentificationError(
@@ -275,9 +275,9 @@ def _joint(
                 notes.append(f"joint {j + 1}: {name} is not told and taken as known, {said}: {because}")
         return solve(w, known, shared)
 
-    slow = int((np.abs(w.speed) < _SLOW).sum())
+    slow = _seconds(w.at(np.abs(w.speed) < _SLOW))
     if "stribeck" in known or slow < _LEAST_SLOW:
-        first = now = take(("stribeck", "stribeck_speed"), f"{slow * HOP * _TICK:.1f} s of slow motion")
+        first = now = take(("stribeck", "stribeck_speed"), f"{slow:.1f} s of slow motion")
     else:
         first = now = solve(w, known, shared)
     if now.half("load") > _TOLD_LOAD:
@@ -288,6 +288,9 @@ def _joint(
         "stribeck"
     ):
         now = take(("stribeck_speed",), f"{now.values['stribeck']:.2g} Nm are too little that fades")
+    elif not 1.02 * FADING[0] < now.values["stribeck_speed"] < 0.98 * FADING[1]:
+        # At an end of where it is sought, it makes up for something else.
+        now = take(("stribeck_speed",), f"it fits best at {now.values['stribeck_speed']:.2g} rad/s, if not beyond")
     for name in ("rotor_inertia", "torque_constant"):
         share = now.half("torque_constant") / now.values["torque_constant"]
         if share > _TOLD or abs(now.entangled) > _ENTANGLED:
@@ -335,16 +338,19 @@ class _Carried:
         usual: Mapping[str, np.ndarray],
         numbers: np.ndarray | None = None,
     ) -> _Carried:
-        """Payload and joints in turn, from an estimate or from the base's numbers for the joints."""
+        """Payload and joints in turn, from an estimate or from the base's numbers for the joints.
+
+        Weight changes slowly, so that short windows tell no more of it, and folded ripple can pass for it.
+        """
         if numbers is None:
             joints = []
             for j in range(N_JOINTS):
-                w = _windows(motions, j, base)
+                w = _windows(motions, j, base, LONG)
                 joints.append((w, solve(w, {name: float(values[j]) for name, values in usual.items()})))
             numbers = step(np.zeros(motions[0].sought.shape[-1]), joints).numbers
         for _ in range(_ROUNDS):
             carrying = [one.carrying(numbers) for one in motions]
-            joints = [_joint(_windows(carrying, j, base), j, given, usual) for j in range(N_JOINTS)]
+            joints = [_joint(_windows(carrying, j, base, LONG), j, given, usual) for j in range(N_JOINTS)]
             now = step(numbers, [(joint.windows, joint.solved) for joint in joints])
             numbers = now.numbers
             if now.done:
@@ -356,22 +362,21 @@ def _delay(motions: Sequence[Motion], base: JointDrives) -> float:
     """s by which the currents are late: the least that the currents do not speak against, all joints together.
 
     n log(sum of squares) is twice the negative logarithm of the likelihood; windows overlap, so it takes as many times
-    chi-squared's 3.84.
+    chi-squared's 3.84. Long windows of all joints: in short ones ripple that is folded down decides.
     """
-
     orders = base.ripple.order.tolist()
     # The number of windows changes a little with the delay, and must not decide.
-    count = [len(windows(motions, j, ()).speed) for j in range(N_JOINTS)]
+    count = [len(windows(motions, j, (), LONG).speed) for j in range(N_JOINTS)]
 
     def left(delay: float) -> float:
         late = [one.late(delay) for one in motions]
         cost = 0.0
         for j in range(N_JOINTS):
-            w = windows(late, j, orders)
+            w = windows(late, j, orders, LONG)
             mean = unexplained(w, float(base.friction.stribeck_speed[j])) / len(w.speed)
             cost += count[j] * np.log(max(mean, _NOTHING))
         return cost
 
     costs = [left(delay) for delay in _DELAYS]
-    enough = min(costs) + 3.84 * LENGTH / HOP
+    enough = min(costs) + 3.84 * LONG.length / LONG.hop
     return next(delay for delay, cost in zip(_DELAYS, costs, strict=True) if cost <= enough)

@@ -69,13 +69,15 @@ def plant_result(
     findings += [
         f"the currents are reported {fit.delay * 1e3:.0f} ms late, or less than a millisecond more",
         "condition number of each joint's columns, all numbers free: " + ", ".join(f"{x:.3g}" for x in fit.condition),
-        "correlation of torque constant and rotor inertia: " + ", ".join(f"{x:.2f}" for x in fit.entangled),
         *([] if fit.payload is None else ["beyond the tool the flange carries: " + ", ".join(words(fit.payload))]),
         *fit.notes,
         "known and not fitted: masses and centres of the links and of --tool, offset, presliding and warming; an "
         "offset counts as friction that differs with the direction; viscous friction is that of these logs' "
         "temperature",
     ]  # fmt: skip
+    if not np.isnan(fit.entangled).all():
+        each = ("-" if np.isnan(x) else f"{x:.2f}" for x in fit.entangled)
+        findings.append(f"correlation of torque constant and rotor inertia: {', '.join(each)}")
     if not unseen:
         findings.append("one log cannot check itself: give more of them to see how a fit predicts what it has not seen")
     beside = [ModelFile(JOINTS, dict[str, files.JointDrivesSpec], {TABLE: _joints(fit, drives, source)})]

@@ -31,16 +31,16 @@ FIELDS: Mapping[str, str] = {
 #: A torque constant beyond which no UR5 has one, Nm/A.
 _LARGEST_CONSTANT = 40.0
 #: Speeds between which that of the fading is sought, rad/s.
-_FADING = (0.01, 0.15)
+FADING = (0.01, 0.15)
 _CONFIDENCE = 0.95
 #: What recordings without noise bias the numbers by, shares of them, root mean square over joints and plants of
 #: ``benchmarks/identify_recovery.py``: no number of recordings takes it away, so that intervals contain it.
 _BIAS: Mapping[str, float] = {
-    "torque_constant": 0.0004,
-    "rotor_inertia": 0.0045,
-    "coulomb_positive": 0.0025,
-    "coulomb_negative": 0.0025,
-    "load": 0.01,
+    "torque_constant": 0.0005,
+    "rotor_inertia": 0.005,
+    "coulomb_positive": 0.003,
+    "coulomb_negative": 0.003,
+    "load": 0.016,
     "viscous": 0.002,
 }
 #: Singular value over the largest, of columns of length 1, below which a direction says nothing.
@@ -136,7 +136,7 @@ def _fading_speed(w: Windows, known: Mapping[str, float]) -> float:
         beyond = fade - basis @ (basis.T @ fade)
         return -float((beyond @ rest) ** 2 / (beyond @ beyond + 1e-300))
 
-    found = minimize_scalar(explained, bounds=np.log(_FADING), method="bounded", options={"xatol": 1e-3})
+    found = minimize_scalar(explained, bounds=np.log(FADING), method="bounded", options={"xatol": 1e-3})
     return float(np.exp(found.x))
 
 
@@ -175,7 +175,7 @@ def _solution(
     plain = np.linalg.lstsq(columns, answer, rcond=None)[0]
     least = [1.0 / _LARGEST_CONSTANT if f == "torque_constant" else -np.inf if f == "stribeck" else 0.0 for f in free]
     low = np.array(least + [-np.inf] * (len(plain) - n))
-    x = plain if (plain >= low).all() else lsq_linear(columns, answer, bounds=(low, np.inf)).x
+    x = plain if (plain >= low).all() else lsq_linear(columns, answer, bounds=(low, np.inf), method="bvls").x
     values = {**known, **_numbers(free, x, design.inverse_constant), "stribeck_speed": speed}
     # Friction may not push: no more may fade than there is.
     values["stribeck"] = max(values["stribeck"], -min(values["coulomb_positive"], values["coulomb_negative"]))

@@ -10,7 +10,8 @@ to 3 % too large.
 Windows of Hann's shape, 0.128 s long, then take out what 125 rows a second cannot show: the ripple of the motors at
 speed, which is folded down to 28 Hz or more as long as order * |qd| / 2 pi stays a quarter away from multiples of 125
 Hz. Windows lie within sliding: a window has one direction of motion and no row slower than ``SLOWEST``, so that
-friction has its sign and nothing sticks.
+friction has its sign and nothing sticks. That costs what is next to a reversal, where a joint accelerates most. The
+big joints, whose ripple is small beside their inertia and friction, therefore have windows of 0.04 s.
 """
 
 from __future__ import annotations
@@ -30,8 +31,6 @@ from ur5_twin.recording.table import Recording
 
 #: Slowest speed of a row in a window, rad/s: a joint has left its presliding (0.1 mrad) 3 ms after it turned round.
 SLOWEST = 0.03
-#: Rows of a window and from one to the next.
-LENGTH, HOP = 16, 4
 #: Numbers of a payload, the first of what is sought.
 BODY = 10
 #: s within which errors are taken for correlated.
@@ -40,7 +39,35 @@ _NEEDED = ("actual_q", "actual_qd", "actual_current")
 _TARGETS = ("target_qd", "target_moment", "target_current")
 #: Two rows further apart than this times the usual step are no neighbours.
 _GAP = 1.5
-_SHAPE = np.hanning(LENGTH + 2)[1:-1]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A window of Hann's shape.
+
+    Attributes:
+        length: rows, beside the one at either end that Simpson's rule looks at.
+        hop: rows from one window to the next.
+    """
+
+    length: int
+    hop: int
+
+    @property
+    def rates(self) -> np.ndarray:
+        """(length,) what a row of an acceleration counts for."""
+        hann = np.hanning(self.length + 2)[1:-1]
+        return hann / hann.sum()
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(length + 2,) what a row of all else counts for: the same with Simpson's rule."""
+        return np.convolve(self.rates, np.array([1.0, 4.0, 1.0]) / 6.0)
+
+
+LONG, SHORT = Shape(16, 4), Shape(5, 2)
+#: Of each joint.
+SHAPES = (SHORT, SHORT, SHORT, LONG, LONG, LONG)
 
 
 @dataclass(frozen=True)
@@ -113,9 +140,10 @@ def motion(
     missing = [name for name in _NEEDED if name not in robot]
     if missing:
         raise IdentificationError(f"{recording.source}: no {', '.join(missing)}; a plant needs {', '.join(_NEEDED)}")
-    if len(robot) < 10 * LENGTH:
+    least = 10 * LONG.length
+    if len(robot) < least:
         raise IdentificationError(
-            f"{recording.source}: {len(robot)} rows, too few for a plant; {10 * LENGTH} at least, better 15,000 (120 s)"
+            f"{recording.source}: {len(robot)} rows, too few for a plant; {least} at least, better 15,000 (120 s)"
         )
     time, q, qd = robot.time, robot["actual_q"], robot["actual_qd"]
     step = np.diff(time)
@@ -158,7 +186,8 @@ class Windows:
         ripple: (n, 2 per order) cosine and sine.
         sought, sought_load: (n, 15) derivatives of link and load in what is sought of payload and masses; (n, 0) if
             nothing is.
-        rows: the rows (n, LENGTH) of qd that a window is of, for friction that fades with speed.
+        rows: (n, shape.length + 2) the rows of qd that a window is of, for friction that fades with speed.
+        shape: of the windows.
     """
 
     speed: np.ndarray
@@ -175,6 +204,7 @@ class Windows:
     sought: np.ndarray
     sought_load: np.ndarray
     rows: np.ndarray
+    shape: Shape
 
     def at(self, which: np.ndarray) -> Windows:
         """Some of the windows."""
@@ -184,39 +214,37 @@ class Windows:
         """(n,) means of sgn(qd) exp(-(qd / speed)^2), and of its derivative in speed."""
         squares = (self.rows / speed) ** 2
         fade = np.sign(self.rows) * np.exp(-squares)
-        return fade @ _MEAN, (2.0 / speed * squares * fade) @ _MEAN
+        return fade @ self.shape.rows, (2.0 / speed * squares * fade) @ self.shape.rows
 
 
-#: A window's weights with those of Simpson's rule: what a row counts for.
-_MEAN = np.convolve(_SHAPE / _SHAPE.sum(), np.array([1.0, 4.0, 1.0]) / 6.0)
-
-
-def windows(motions: Sequence[Motion], joint: int, orders: Sequence[float]) -> Windows:
+def windows(motions: Sequence[Motion], joint: int, orders: Sequence[float], shape: Shape | None = None) -> Windows:
     """Means over all windows in which a joint slides; see the module.
 
     Args:
         motions: the logs.
         joint: from 0.
         orders: of the ripple, periods a revolution.
+        shape: of the windows, by default the joint's in ``SHAPES``.
     """
+    shape = SHAPES[joint] if shape is None else shape
     parts, first = [], 0
     for one in motions:
-        part = _of_one(one, joint, orders)
+        part = _of_one(one, joint, orders, shape)
         parts.append(replace(part, block=part.block + first))
         first += part.blocks
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
-    return Windows(blocks=first, **columns)
+    return Windows(blocks=first, shape=shape, **columns)
 
 
-_COLUMNS = tuple(name for name in Windows.__dataclass_fields__ if name != "blocks")
+_COLUMNS = tuple(name for name in Windows.__dataclass_fields__ if name not in ("blocks", "shape"))
 
 
-def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
+def _of_one(of: Motion, joint: int, orders: Sequence[float], shape: Shape) -> Windows:
     qd = of.qd[:, joint]
     slides = of.joined & (np.abs(qd) > SLOWEST)
     # The rows that Simpson's rule looks at, one more at either end.
-    width = LENGTH + 2
-    start = np.arange(0, max(len(qd) - width, 0), HOP)
+    width = shape.length + 2
+    start = np.arange(0, max(len(qd) - width, 0), shape.hop)
     index = start[:, None] + np.arange(width)
     sign = np.sign(qd)
     whole = slides[index].all(axis=1) & (np.abs(sign[index].sum(axis=1)) == width)
@@ -225,10 +253,10 @@ def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
     waves = [wave(order * angle) for order in orders for wave in (np.cos, np.sin)]
 
     def mean(x: np.ndarray) -> np.ndarray:
-        return x[index] @ _MEAN
+        return x[index] @ shape.rows
 
     def mean_of_rate(x: np.ndarray) -> np.ndarray:
-        return np.moveaxis(x[index[:, 1:-1]], 1, -1) @ (_SHAPE / _SHAPE.sum())
+        return np.moveaxis(x[index[:, 1:-1]], 1, -1) @ shape.rates
 
     link, sought = of.link[:, joint], of.sought[:, joint]
     return Windows(
@@ -247,4 +275,5 @@ def _of_one(of: Motion, joint: int, orders: Sequence[float]) -> Windows:
         sought=mean_of_rate(sought),
         sought_load=mean_of_rate((np.sign(link) * sign)[:, None] * sought),
         rows=qd[index],
+        shape=shape,
     )
