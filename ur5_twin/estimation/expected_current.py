@@ -35,6 +35,8 @@ class ExpectedCurrent:
 
     Attributes:
         current: (6,) A that the last sample's motion needs without contact.
+        friction: (6,) A of it that are friction's.
+        torque: (6,) Nm of the motion and weight in it.
         slope: (6,) A by which a torque of 1 Nm against the motor changes it; load-dependent friction included.
         moving: (6,) whether the target moves.
 
@@ -64,7 +66,8 @@ class ExpectedCurrent:
         self._links = dynamics.pack(replace(nominal.arm, rotor_inertia=np.zeros(6)))
         self._slow = np.zeros((6, _N_FRICTION))
         self._held, self._ratio = np.zeros(6), np.ones(6)
-        self.current, self.slope, self.moving = np.zeros(6), np.zeros(6), np.zeros(6, dtype=bool)
+        self.current, self.friction, self.torque = np.zeros(6), np.zeros(6), np.zeros(6)
+        self.slope, self.moving = np.zeros(6), np.zeros(6, dtype=bool)
 
     def update(self, sample: Sample, dt: float) -> None:
         """Take in a sample without NaN (but for the IMU's), dt s after the last; 0 for the first."""
@@ -85,7 +88,7 @@ class ExpectedCurrent:
             self._held,
             self._ratio,
             self._slow,
-            (self.current, self.slope, self.moving),
+            (self.current, self.friction, self.torque, self.slope, self.moving),
         )
 
 
@@ -101,7 +104,7 @@ class _Map(NamedTuple):
 def _expect(
     of, law, arm, links, dt, target_q, qd, qdd, target_current, target_moment, angle, held, ratio, slow, out
 ):  # pragma: no cover - compiled  # fmt: skip
-    current, slope, moving = out
+    current, dry, needed, slope, moving = out
     idle = True
     for j in range(6):
         if qd[j] != 0.0 or qdd[j] != 0.0:
@@ -131,11 +134,13 @@ def _expect(
         for r in range(_RISE_SPEEDS.shape[0]):
             x[5 + r] = sign * math.exp(-abs(v) / _RISE_SPEEDS[r])
         leak = min(dt / of.times[j, 0 if moving[j] else 1], 1.0) if dt > 0.0 else 1.0
-        current[j] = 0.0
+        dry[j] = 0.0
         for c in range(_N_FRICTION):
             slow[j, c] += leak * (x[c] - slow[j, c])
-            current[j] += of.friction[j, c] * slow[j, c]
-        current[j] += slow[j, 0] / of.constant[j]
+            if c > 0:
+                dry[j] += of.friction[j, c] * slow[j, c]
+        needed[j] = slow[j, 0]
+        current[j] = (1.0 / of.constant[j] + of.friction[j, 0]) * slow[j, 0] + dry[j]
         for r in range(of.orders.shape[1]):
             order = of.orders[j, r]
             phase = order * (angle[j] - of.times[j, 2] * v)

@@ -17,6 +17,10 @@ of an arm that is touched, is weighed against w = 0 at every sample by the Bayes
 the estimate is the filter's times the probability of contact. The stated covariance is that of a touched arm about the
 estimate, whatever the probability: an interval that holds only where nothing happens is of no use. It starts untouched,
 as a force sensor is tared. What no joint feels near a singularity stays at the prior.
+
+The probability of contact that goes with the estimate adds the odds of a push that is lost in a sample's noise and
+shows by lasting (``estimation.onset``). The estimate is not weighed by those: this filter forgets too soon to say how
+large such a push is.
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ from ur5_twin.errors import EstimationError
 from ur5_twin.estimation.expected_current import ExpectedCurrent
 from ur5_twin.estimation.intake import Intake, Step
 from ur5_twin.estimation.nominal import NominalModel
+from ur5_twin.estimation.onset import Onset
 from ur5_twin.estimation.protocol import Estimate, Sample
 from ur5_twin.estimation.wrench import WrenchSolver
 
@@ -48,6 +53,8 @@ _NEEDED = (
 _SLOW, _FAST, _N = 6, 12, 18
 #: An innovation beyond this many standard deviations counts as that many: a spike is no push.
 _LARGEST = 5.0
+#: A probability that counts as certain.
+_CERTAIN = 1.0 - 1e-12
 #: Variance of a torque that the filter takes for exact, Nm^2; it keeps the innovation's from vanishing.
 _LEAST = 1e-3
 
@@ -73,13 +80,14 @@ class FrictionKalman:
         self._intake = Intake(_NEEDED)
         self._solver = WrenchSolver(nominal)
         variance = np.array([spec.force_n**2] * 3 + [spec.moment_nm**2] * 3)
-        self._contact = _Contact(variance, spec.push_s, math.log(spec.prior_contact / (1.0 - spec.prior_contact)))
+        self._contact = _Contact(variance, spec.push_s, math.log(_odds(spec.prior_contact)))
         self._error = np.array(nominal.current_map.residuals)
         # Sizes of the four parts; the turned friction's spread.
         self._error[:, [0, 2, 4, 6]] *= spec.doubt
         self._spread = spec.doubt * spec.turned * self._error[:, 8]
         self._x, self._P = np.zeros(_N), np.zeros((_N, _N))
         self._rested, self._q = np.full(6, np.inf), np.zeros(6)
+        self._onset = Onset(nominal.settings.onset, nominal.current_map.residuals)
         self._last = self._solver.unknown()
         self._new = True
 
@@ -95,9 +103,10 @@ class FrictionKalman:
             # Untouched at the very start; after a silence anything may have happened.
             _begin(self._x, self._P, self._error, self._expected.slope, self._contact, 0.0 if self._new else 1.0)
             self._q[:] = held.actual_q
+            self._onset.restart()
             self._new = False
         wrench, covariance, tau = np.empty(6), np.empty((6, 6)), np.empty(6)
-        contact = _step(
+        touched = _step(
             self._x,
             self._P,
             self._rested,
@@ -116,8 +125,29 @@ class FrictionKalman:
             covariance,
             tau,
         )
+        contact = self._contacted(touched)
         self._last = Estimate(tau, wrench, covariance, contact, self._solver.sigma_min)
         return self._last
+
+    def _contacted(self, touched: float) -> float:
+        """Probability of contact: a push of any course or, in motion, a small one that lasts."""
+        expected, held = self._expected, self._intake.sample
+        begun = self._onset.update(
+            self._intake.dt,
+            (expected.current - held.actual_current) / expected.slope,
+            self._solver.J,
+            expected.slope,
+            expected.moving,
+            expected.friction / expected.slope,
+            expected.torque,
+            self._last.contact > 0.5,
+        )
+        odds = _odds(min(touched, _CERTAIN)) + begun
+        return odds / (1.0 + odds)
+
+
+def _odds(probability: float) -> float:
+    return probability / (1.0 - probability)
 
 
 @njit(cache=True, nogil=True)

@@ -95,6 +95,15 @@ class FrictionKalmanSpec(Strict, frozen=True):
     prior_contact: _Share
 
 
+class OnsetSpec(Strict, frozen=True):
+    source: str
+    force_n: Positive
+    moment_nm: Positive
+    friction_share: Positive
+    torque_share: Positive
+    prior: _Share
+
+
 class DetectionSpec(Strict, frozen=True):
     source: str
     on: _Share
@@ -126,6 +135,7 @@ class Settings(Strict, frozen=True):
     adaptive_observer: AdaptiveSpec
     accelerometer_aided: AccelerometerSpec
     friction_kalman: FrictionKalmanSpec
+    onset: OnsetSpec
     detection: DetectionSpec
     localisation: LocalisationSpec
 
