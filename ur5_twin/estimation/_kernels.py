@@ -160,3 +160,28 @@ def torque_of(J, wrench, tau):  # pragma: no cover - compiled
         tau[j] = 0.0
         for i in range(6):
             tau[j] += J[i, j] * wrench[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def whitened(A, b, least, y):  # pragma: no cover - compiled
+    """y with L y = b, where A = L L' (n, n), and log det L; NaN where a pivot is not above its ``least`` (n,)."""
+    n = y.shape[0]
+    L = np.empty((n, n))
+    log = 0.0
+    for i in range(n):
+        y[i] = b[i]
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if j < i:
+                L[i, j] = total / L[j, j]
+            elif total > least[i]:
+                L[i, i] = math.sqrt(total)
+            else:
+                return math.nan
+        for k in range(i):
+            y[i] -= L[i, k] * y[k]
+        y[i] /= L[i, i]
+        log += math.log(L[i, i])
+    return log

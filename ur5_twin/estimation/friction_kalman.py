@@ -33,6 +33,7 @@ from numba import njit
 
 from ur5_twin.drives.current_map import SETTLING, SETTLING_TIME, TURNING
 from ur5_twin.errors import EstimationError
+from ur5_twin.estimation._kernels import whitened
 from ur5_twin.estimation.expected_current import ExpectedCurrent
 from ur5_twin.estimation.intake import Intake, Step
 from ur5_twin.estimation.nominal import NominalModel
@@ -234,25 +235,13 @@ def _step(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _probability(x, P, contact):  # pragma: no cover - compiled
     """Probability that the wrench is not zero: odds times the prior's density at zero over the posterior's."""
-    score = contact.odds
-    L, z = np.empty((6, 6)), np.empty(6)
-    for i in range(6):
-        z[i] = x[i]
-        for j in range(i + 1):
-            total = P[i, j]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            if i == j:
-                if total <= 1e-9 * contact.variance[i]:
-                    # Known to be untouched.
-                    return 0.0
-                L[i, i] = math.sqrt(total)
-            else:
-                L[i, j] = total / L[j, j]
-        for k in range(i):
-            z[i] -= L[i, k] * z[k]
-        z[i] /= L[i, i]
-        score += 0.5 * z[i] * z[i] + math.log(L[i, i]) - 0.5 * math.log(contact.variance[i])
+    z = np.empty(_SLOW)
+    score = contact.odds + whitened(P, x, 1e-9 * contact.variance, z)
+    if math.isnan(score):
+        # Known to be untouched.
+        return 0.0
+    for i in range(_SLOW):
+        score += 0.5 * z[i] * z[i] - 0.5 * math.log(contact.variance[i])
     if score > 0.0:
         return 1.0 / (1.0 + math.exp(-score))
     return math.exp(score) / (1.0 + math.exp(score))

@@ -31,6 +31,7 @@ import numpy as np
 from numba import njit
 
 from ur5_twin.drives.current_map import Residual
+from ur5_twin.estimation._kernels import whitened
 from ur5_twin.estimation.settings import OnsetSpec
 
 #: s between two instants at which a push may have begun, and how many of them are held.
@@ -206,29 +207,19 @@ def _begin(x, P, slow, fast):  # pragma: no cover - compiled
 def _factor(information, z, age, push):  # pragma: no cover - compiled
     """Mean of the Bayes factors; 0 where there is none yet."""
     total, count = 0.0, 0
-    L, y = np.empty((6, 6)), np.empty(6)
+    A, y, least = np.empty((6, 6)), np.empty(6), np.zeros(6)
     for h in range(age.shape[0]):
         if age[h] < 0:
             continue
         count += 1
         if age[h] < _FEWEST:
             continue
-        log = 0.0
         for c in range(6):
-            y[c] = z[h, c]
-            for d in range(c + 1):
-                left = information[h, c, d]
-                if c == d:
-                    left += 1.0 / push[c]
-                for u in range(d):
-                    left -= L[c, u] * L[d, u]
-                if c == d:
-                    L[c, c] = math.sqrt(left)
-                else:
-                    L[c, d] = left / L[d, d]
-            for u in range(c):
-                y[c] -= L[c, u] * y[u]
-            y[c] /= L[c, c]
-            log += 0.5 * y[c] * y[c] - math.log(L[c, c]) - 0.5 * math.log(push[c])
+            for d in range(c):
+                A[c, d] = information[h, c, d]
+            A[c, c] = information[h, c, c] + 1.0 / push[c]
+        log = -whitened(A, z[h], least, y)
+        for c in range(6):
+            log += 0.5 * y[c] * y[c] - 0.5 * math.log(push[c])
         total += math.exp(min(log, _CERTAIN))
     return total / max(count, 1)
